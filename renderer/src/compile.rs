@@ -269,13 +269,17 @@ impl RenderScene {
         }
         // A flat environment is found by scattering, so the sampler sends the fewest possible samples there.
         let share = if self.features.flat_environment { 0.0 } else { 0.5 };
-        let lights = Lights {
-            triangles,
-            lamps: self.punctual.iter().filter_map(|light| Lamp::new(light, self.pose)).collect(),
-            distant: self.punctual.iter().filter_map(|light| DistantLight::new(light, self.pose)).collect(),
-            selection: self.selection,
-        };
+        let (lamps, distant) = self.lights_without_area();
+        let lights = Lights { triangles, lamps, distant, selection: self.selection };
         self.lights = LightSampler::with_share(self.lights.environment().clone(), lights, share);
+    }
+
+    /// Points and spots, and light from single directions, at the current frame.
+    pub(crate) fn lights_without_area(&self) -> (Vec<Lamp>, Vec<DistantLight>) {
+        (
+            self.punctual.iter().filter_map(|light| Lamp::new(light, self.pose)).collect(),
+            self.punctual.iter().filter_map(|light| DistantLight::new(light, self.pose)).collect(),
+        )
     }
 
     /// Chooses how light samples choose among the lights; [`Self::compile`] takes the default. For measurements: the picture

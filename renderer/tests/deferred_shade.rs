@@ -45,6 +45,7 @@ fn shadows(scene: &[Surface], lighting: &Lighting) -> Shadows {
     Shadows {
         lights: lighting.lights.iter().map(|light| vec![map(light.direction, 256)]).collect(),
         sky: lighting.sky.iter().map(|cell| map(cell.direction, 64)).collect(),
+        lamps: Vec::new(),
     }
 }
 
@@ -243,7 +244,7 @@ fn any_input_gives_numbers() {
         assert_finite(&shade(
             &good,
             &lighting,
-            &Shadows { sky: shadows.sky[..shadows.sky.len() / 2].to_vec(), lights: Vec::new() },
+            &Shadows { sky: shadows.sky[..shadows.sky.len() / 2].to_vec(), ..Shadows::default() },
             &Options::default(),
         ));
         let background = shade(&nothing, &lighting, &shadows, &Options::default()).image;

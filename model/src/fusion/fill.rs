@@ -120,6 +120,7 @@ impl Record<f32> {
             .as_ref()
             .zip(shaded)
             .map(|(there, here)| warp::ratio_fetch(&keyframe.truth, there, here, &found, exposure));
+        let over_shading = over_shading.as_ref().map(|(picture, trust)| (picture, trust));
         let plain = |frame: &Frame, i: usize| {
             let alpha = frame.alpha.pixels[i];
             let guide = frame.guide_albedo.as_ref().filter(|_| alpha > 0.0).map(|guide| guide.pixels[i].map(|v| v / alpha));
@@ -137,16 +138,16 @@ impl Record<f32> {
         };
         let over_tint = warp::fetch(&over_tint, &found);
         self.each(|i, out| {
-            let valid = finite(found.valid.pixels[i]).clamp(0.0, 1.0);
-            if out[at::ALPHA] <= 0.0 || valid <= 0.0 {
+            if out[at::ALPHA] <= 0.0 {
                 return;
             }
             let here = [out[at::ALBEDO], out[at::ALBEDO + 1], out[at::ALBEDO + 2]];
             let tinted: [f32; 3] = std::array::from_fn(|c| over_tint.pixels[i][c] * (here[c] + TINT));
-            for (from, rgb) in [(at::KEYS_SHADED, over_shading.as_ref().map(|p| p.pixels[i])), (at::KEYS_TINTED, Some(tinted))] {
-                if let Some(rgb) = rgb {
+            let shaded = over_shading.map(|(picture, trust)| (picture.pixels[i], trust.pixels[i]));
+            for (from, known) in [(at::KEYS_SHADED, shaded), (at::KEYS_TINTED, Some((tinted, found.valid.pixels[i])))] {
+                if let Some((rgb, trust)) = known.filter(|(_, trust)| *trust > 0.0) {
                     put(out, from + 4 * k, rgb.map(|v| radiance(exposure * v)));
-                    out[from + 4 * k + 3] = valid;
+                    out[from + 4 * k + 3] = trust.min(1.0);
                 }
             }
         });

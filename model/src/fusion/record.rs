@@ -54,10 +54,11 @@ pub mod at {
     pub const SKY: usize = TERMS + 3 * super::TERMS;
     /// Visible share of the sky, of the near hemisphere, and of the strongest light.
     pub const OPEN: usize = SKY + 3;
-    /// For each keyframe, warped as a ratio to deferred shading: radiance of the surface, and the share of the look-up that shows
-    /// this surface, 0..=1.
+    /// For each keyframe, warped as a ratio to deferred shading: radiance of the surface, and the trust in it, 0..=1 (see
+    /// [`renderflow_frame::warp::ratio_fetch`]).
     pub const KEYS_SHADED: usize = OPEN + 3;
-    /// For each keyframe, warped as a ratio to the albedo: the same.
+    /// For each keyframe, warped as a ratio to the albedo: radiance of the surface, and the share of the look-up that shows this
+    /// surface, 0..=1.
     pub const KEYS_TINTED: usize = KEYS_SHADED + 4 * KEYS;
     /// For each part: radiance of the surface divided by its reflectance ([`super::tint`]), times coverage; coverage.
     pub const SAMPLES: usize = KEYS_TINTED + 4 * KEYS;

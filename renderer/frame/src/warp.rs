@@ -4,7 +4,7 @@
 use crate::image::{Image, Rgb};
 use crate::tracks::Movement;
 use crate::{Camera, Frame};
-use glam::{Affine3A, Mat3A, Vec2, Vec3A};
+use glam::{Affine3A, Mat3A, Vec2, Vec3A, Vec4};
 use rayon::prelude::*;
 
 /// Depth in the keyframe may differ from the point's by this share ...
@@ -15,6 +15,10 @@ const SLOPE_TOLERANCE: f32 = 0.5;
 const MIN_NORMAL_COSINE: f32 = 0.866;
 /// Taps with less weight than this are left out, so that a still camera reads exactly one pixel in spite of rounding.
 const LEAST_WEIGHT: f32 = 1.0 / 128.0;
+/// Trust, 0..=1, in a pixel that the keyframe does not show.
+pub const FILLED: f32 = 0.03;
+/// Weight of the start image beside keyframes whose weight is their trust over their age.
+const START: f32 = 0.05;
 /// Bits of the four taps of a bilinear look-up.
 const ALL_TAPS: u8 = 0b1111;
 /// Albedo of a pixel may differ by this, in each channel, from the albedo of the pixel that its samples come from ...
@@ -311,25 +315,83 @@ pub fn fetch(picture: &Rgb, correspondence: &Correspondence) -> Rgb {
 }
 
 /// The current start image, corrected by how far the keyframe's truth was from its own start there: `(start + e) * (key_truth +
-/// e) / (key_start + e) - e`, the fraction bilinear and clamped to `1/16..=16`, the result at least 0.
+/// e) / (key_start + e) - e`, the fraction bilinear and clamped to `1/16..=16`, the result at least 0. Also returns how much each
+/// pixel can be trusted, 0..=1.
 ///
 /// Textures and reflections come from `current_start`, at full sharpness and in their new place. Only what the start image lacks
-/// (shadows, bounced light) comes from the keyframe. `exposure` is the sequence's factor to display-linear; `e` is 0.01 there.
-/// The result is `current_start` where invalid, and exactly `key_truth` for an unmoved camera (inside the clamp).
-pub fn ratio_fetch(key_truth: &Rgb, key_start: &Rgb, current_start: &Rgb, correspondence: &Correspondence, exposure: f32) -> Rgb {
+/// (shadows, bounced light) comes from the keyframe. Where the keyframe does not show the surface, the fraction is that of the
+/// pixels around, as their trust there ([`FILLED`]) says. `exposure` is the sequence's factor to display-linear; `e` is 0.01
+/// there. The result is `current_start` where no fraction is finite, and exactly `key_truth` for an unmoved camera (inside the
+/// clamp).
+pub fn ratio_fetch(
+    key_truth: &Rgb,
+    key_start: &Rgb,
+    current_start: &Rgb,
+    correspondence: &Correspondence,
+    exposure: f32,
+) -> (Rgb, Image<f32>) {
     let floor = if exposure > 0.0 && exposure.is_finite() { RATIO_FLOOR / exposure } else { RATIO_FLOOR };
-    per_pixel(correspondence, |i, lookup| {
-        let start = Vec3A::from_array(current_start.pixels[i]);
-        let Some(lookup) = lookup else { return start };
+    let ratios = per_pixel(correspondence, |_, lookup| {
+        let Some(lookup) = lookup else { return Vec3A::NAN };
         let ratio = (lookup.sample(key_truth) + floor) / (lookup.sample(key_start) + floor);
-        let ratio = ratio.clamp(Vec3A::splat(1.0 / MAX_RATIO), Vec3A::splat(MAX_RATIO));
-        ((start + floor) * ratio - floor).max(Vec3A::ZERO)
-    })
+        ratio.clamp(Vec3A::splat(1.0 / MAX_RATIO), Vec3A::splat(MAX_RATIO))
+    });
+    let Image { width, height, .. } = ratios;
+    let known = ratios.pixels.iter().zip(&correspondence.valid.pixels).map(|(ratio, valid)| {
+        let known = ratio.iter().all(|v| v.is_finite());
+        let logarithm = if known { ratio.map(f32::ln) } else { [0.0; 3] };
+        (Vec3A::from_array(logarithm) * *valid).extend(if known { *valid } else { 0.0 })
+    });
+    let filled = spread(width, height, known.collect());
+    let trust = |i: usize| {
+        let known = ratios.pixels[i].iter().all(|v| v.is_finite());
+        if known { correspondence.valid.pixels[i] } else { FILLED * f32::from(u8::from(filled[i].w > 0.0)) }
+    };
+    let pixel = |i: usize| {
+        let start = Vec3A::from_array(current_start.pixels[i]);
+        let ratio = Vec3A::from_array(ratios.pixels[i]);
+        let ratio = if ratio.is_finite() { ratio } else { Vec3A::from_vec4(filled[i]).exp() };
+        ((start + floor) * ratio - floor).max(Vec3A::ZERO).to_array()
+    };
+    let all = || (0..width * height).into_par_iter().with_min_len(1024);
+    let picture = Image { width, height, pixels: all().map(pixel).collect() };
+    (picture, Image { width, height, pixels: all().map(trust).collect() })
 }
 
-/// Scene-linear picture of `frame` from keyframes: where the nearest keyframe before or the nearest after shows the same surface,
-/// their warped pictures ([`ratio_fetch`]) weighted by the inverse of their age and mixed in a logarithmic curve; elsewhere
-/// `start`, the picture of `frame` by the method of [`Keyframe::start`]. A keyframe at distance 0 is returned as it is.
+/// Spreads values to the pixels that have none: pulls means down a pyramid and pushes them up where finer levels know nothing
+/// (Gortler et al. 1996). A pixel holds a value times its weight, and the weight, 0..=1. The result holds values, and 1 if any
+/// weight was above 0.
+fn spread(width: usize, height: usize, pixels: Vec<Vec4>) -> Vec<Vec4> {
+    let mut levels = vec![(width, height, pixels)];
+    while let Some((width, height, pixels)) = levels.last().filter(|(width, height, _)| width.max(height) > &1) {
+        let (w, h) = (width.div_ceil(2), height.div_ceil(2));
+        let sum = |i: usize| {
+            let (x, y) = (2 * (i % w), 2 * (i / w));
+            let (right, below) = ((x + 2).min(*width), (y + 2).min(*height));
+            (y..below).flat_map(|y| (x..right).map(move |x| y * width + x)).map(|i| pixels[i]).sum()
+        };
+        let coarser = (0..w * h).map(sum).collect();
+        levels.push((w, h, coarser));
+    }
+    // The whole picture's mean.
+    let (mut w, mut h, top) = levels.pop().unwrap_or_default();
+    let mut coarse: Vec<Vec4> = top.into_iter().map(|sum| if sum.w > 0.0 { sum / sum.w } else { Vec4::ZERO }).collect();
+    for (width, height, pixels) in levels.into_iter().rev() {
+        let value = |i: usize| {
+            let at = Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5) / 2.0;
+            let under: Vec4 = footprint(at, w, h).into_iter().map(|(i, weight)| coarse[i] * weight).sum();
+            let own = pixels[i];
+            if own.w > 0.0 { under.lerp(own / own.w, own.w.min(1.0)) } else { under }
+        };
+        let finer = (0..width * height).into_par_iter().with_min_len(1024).map(value).collect();
+        (w, h, coarse) = (width, height, finer);
+    }
+    coarse
+}
+
+/// Scene-linear picture of `frame` from keyframes: the warped pictures ([`ratio_fetch`]) of the nearest keyframe before and the
+/// nearest after, weighted by trust over age, and with a small weight `start`, the picture of `frame` by the method of
+/// [`Keyframe::start`]. They are mixed in a logarithmic curve. A keyframe at distance 0 is returned as it is.
 /// `exposure` is the sequence's factor to display-linear. Keyframes without a start or of another size show nothing.
 ///
 /// # Panics
@@ -356,26 +418,30 @@ pub fn fill(frame: &Frame, start: &Rgb, keyframes: &[Neighbour], exposure: f32) 
         .flatten()
         .map(|(near, key_start)| {
             let found = near.correspond(frame);
-            let picture = ratio_fetch(&near.key.truth, key_start, start, &found, exposure);
-            (1.0 / (age(near.distance) + AGE_FLOOR), picture, found.valid)
+            let (picture, trust) = ratio_fetch(&near.key.truth, key_start, start, &found, exposure);
+            (1.0 / (age(near.distance) + AGE_FLOOR), picture, trust)
         })
         .collect();
     let scale = if exposure.is_finite() && exposure > 0.0 { LOG_SCALE * exposure } else { LOG_SCALE };
-    let number = |name: &str, or: f32| std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(or);
-    let (least, power) = (number("RF_LEAST", 1e-6), number("RF_POWER", 1.0));
     let mix = |i: usize| {
+        let own = start.pixels[i];
+        let usable = |radiance: &[f32; 3]| radiance.iter().all(|v| v.is_finite() && *v >= 0.0);
         let (mut sum, mut total) = ([0.0; 3], 0.0);
-        for (weight, picture, valid) in &warped {
+        if usable(&own) {
+            (sum, total) = (own.map(|v| START * (scale * v).ln_1p()), START);
+        }
+        let mut carried = false;
+        for (weight, picture, trust) in &warped {
             let radiance = picture.pixels[i];
             // Only surfaces are warped, and only finite radiance.
-            if frame.alpha.pixels[i] > 0.0 && valid.pixels[i] >= least && radiance.iter().all(|v| v.is_finite() && *v >= 0.0) {
-                let share = valid.pixels[i].powf(power);
-                let weight = &(weight * share);
+            if frame.alpha.pixels[i] > 0.0 && trust.pixels[i] > 0.0 && usable(&radiance) {
+                let weight = weight * trust.pixels[i];
+                carried = true;
                 total += weight;
                 (0..3).for_each(|c| sum[c] += weight * (scale * radiance[c]).ln_1p());
             }
         }
-        if total > 0.0 { sum.map(|v| (v / total).exp_m1() / scale) } else { start.pixels[i] }
+        if carried { sum.map(|v| (v / total).exp_m1() / scale) } else { own }
     };
     let pixels = (0..frame.width * frame.height).into_par_iter().with_min_len(1024).map(mix).collect();
     Rgb { width: frame.width, height: frame.height, pixels }

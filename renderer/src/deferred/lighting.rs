@@ -1,5 +1,6 @@
 //! The light of a sequence as deferred shading uses it: dominant lights and the rest of the environment.
 
+use super::lamps::LampView;
 use super::shadow_map::ShadowMap;
 use super::sky::{SkyCell, coarse, sky_cells};
 use glam::Quat;
@@ -26,13 +27,16 @@ pub struct Lighting {
     coarse: Environment,
 }
 
-/// What the lights and the sky see of the scene at one frame. A list may be empty: then nothing is known.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// What the lights and the sky see of the scene at one frame, and the scene's own lights. A list may be empty: then nothing is
+/// known.
+#[derive(Clone, Debug, Default)]
 pub struct Shadows {
     /// The maps of each of [`Lighting::lights`], the finest first. A pixel takes the first map that covers it.
     pub lights: Vec<Vec<ShadowMap>>,
     /// One coarse map for each cell of [`Lighting::sky`].
     pub sky: Vec<ShadowMap>,
+    /// Lights of the scene itself without an area, with their shadows.
+    pub lamps: Vec<LampView>,
 }
 
 impl Lighting {

@@ -1,9 +1,11 @@
 //! Deferred shading as a good game engine does it from data that a rasteriser has: the dominant lights are analytic and shadowed
 //! by shadow maps, and the rest of the environment is lit by the split sum with ambient occlusion, screen-space reflections, and
-//! one bounce of indirect light.
+//! one bounce of indirect light. Points, spots and directional lights of the scene are shadowed by a ray from each pixel; surfaces
+//! that glow light nothing.
 //!
 //! [`Lighting::new`] runs once per sequence. [`ShadowTiles::maps`] and [`shade`] run once per frame.
 
+mod lamps;
 mod lighting;
 mod material;
 mod pass;
@@ -12,6 +14,7 @@ mod shadow_map;
 mod shadow_tiles;
 mod sky;
 
+pub use lamps::{LAMPS, LampView};
 pub use lighting::{LIGHTS, Lighting, Shadows};
 pub use material::{Material, Response};
 pub use shadow_map::{ShadowMap, axes};
@@ -104,7 +107,7 @@ pub fn shade(frame: &Frame, lighting: &Lighting, shadows: &Shadows, options: &Op
     let mut shading = lighting.shade(frame);
     let inputs = Inputs::new(frame, &shading, lighting, shadows, options);
     let pass = inputs.pass(frame, &shading, lighting, options);
-    let lights = lighting.lights.len();
+    let lights = pass.parts();
     let (width, height) = (shading.surfaces.depth.width, shading.surfaces.depth.height);
     let mut direct = vec![Vec3A::ZERO; width * height * lights];
     let pixels = if lights == 0 {
@@ -122,7 +125,7 @@ pub fn shade(frame: &Frame, lighting: &Lighting, shadows: &Shadows, options: &Op
     let seen = |light: usize| share(&|i| pass.seen(i, light));
     let mut terms = ShadingTerms {
         direct: (0..lights).map(|light| rgb(&|i| direct[i * lights + light])).collect(),
-        visibility: if options.shadows == ShadowMode::None { Vec::new() } else { (0..lights).map(seen).collect() },
+        visibility: if options.shadows == ShadowMode::None { Vec::new() } else { (0..lighting.lights.len()).map(seen).collect() },
         occlusion: inputs.occlusion.as_ref().map(|o| share(&|i| o[i].w.clamp(0.0, 1.0))),
         sky: inputs.sky.as_ref().map(|s| share(&|i| s[i].x.clamp(0.0, 1.0))),
         ambient_diffuse: rgb(&|i| light.pixels[i].ambient_diffuse),
@@ -159,7 +162,7 @@ pub fn picture(frame: &Frame, lighting: &Lighting, shadows: &Shadows, options: &
 
 /// Light of every pixel before reflections and bounces.
 fn shade_pixels(pass: &Pass) -> Vec<Pixel> {
-    let (pixels, lights) = (pass.shading.surfaces.depth.pixels.len(), pass.lighting.lights.len());
+    let (pixels, lights) = (pass.shading.surfaces.depth.pixels.len(), pass.parts());
     let pixels = (0..pixels).into_par_iter().with_min_len(256);
     pixels.map_init(|| vec![Vec3A::ZERO; lights], |direct, i| pass.shade(i, direct)).collect()
 }
@@ -180,10 +183,11 @@ struct Inputs<'a> {
     occlusion: Option<Vec<Vec4>>,
     /// See [`sky`].
     sky: Option<Vec<Vec4>>,
+    lamps: &'a [LampView],
 }
 
 impl<'a> Inputs<'a> {
-    fn new(frame: &'a Frame, shading: &'a Shading, lighting: &Lighting, shadows: &Shadows, options: &Options) -> Self {
+    fn new(frame: &'a Frame, shading: &'a Shading, lighting: &Lighting, shadows: &'a Shadows, options: &Options) -> Self {
         let surface = Surface::new(shading, &frame.info.camera);
         let visibility = visibility(&surface, lighting, &shadows.lights, options.shadows);
         let occlusion = options.occlusion.then(|| {
@@ -193,7 +197,7 @@ impl<'a> Inputs<'a> {
             })
         });
         let sky = (options.sky && !shadows.sky.is_empty()).then(|| sky(&surface, shading, lighting, shadows));
-        Self { surface, visibility, occlusion, sky }
+        Self { surface, visibility, occlusion, sky, lamps: &shadows.lamps }
     }
 
     fn pass(&'a self, frame: &'a Frame, shading: &'a Shading, lighting: &'a Lighting, options: &'a Options) -> Pass<'a> {
@@ -205,6 +209,7 @@ impl<'a> Inputs<'a> {
             visibility: &self.visibility,
             sky: self.sky.as_deref(),
             occlusion: self.occlusion.as_deref(),
+            lamps: self.lamps,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Shades one pixel.
 
 use super::screen_space::{Surface, phase, reflect};
-use super::{Lighting, Material, Options};
+use super::{LampView, Lighting, Material, Options};
 use crate::material::Principled;
 use glam::{Vec2, Vec3A, Vec4};
 use renderflow_frame::Camera;
@@ -28,6 +28,8 @@ pub struct Pass<'a> {
     pub sky: Option<&'a [Vec4]>,
     /// Bent normal, and the open share.
     pub occlusion: Option<&'a [Vec4]>,
+    /// Lights of the scene itself.
+    pub lamps: &'a [LampView],
 }
 
 /// One pixel's light, before reflections and bounces.
@@ -105,7 +107,25 @@ impl Pass<'_> {
         ((response.diffuse + response.specular * self.discs(i)) * irradiance, response.specular.element_sum())
     }
 
-    /// Light of pixel `i`; the light of each of the lights goes into `parts`.
+    /// Number of parts of the direct light: each dominant light of the environment, then all lights of the scene itself together,
+    /// if there are any.
+    pub fn parts(&self) -> usize {
+        self.lighting.lights.len() + usize::from(!self.lamps.is_empty())
+    }
+
+    /// Light of the scene's own lights at pixel `i`.
+    fn lamps_at(&self, i: usize, view: &View, material: &Material) -> Vec3A {
+        let depth = &self.shading.surfaces.depth;
+        let at = Vec2::new((i % depth.width) as f32 + 0.5, (i / depth.width) as f32 + 0.5);
+        let p = self.camera.unproject(at, depth.pixels[i]);
+        let of = |(wi, irradiance): (Vec3A, Vec3A)| {
+            let response = material.respond(view.n, view.v, wi, view.n.dot(wi), 0.0);
+            (response.diffuse + response.specular) * irradiance
+        };
+        self.lamps.iter().filter_map(|lamp| lamp.at(i, p)).map(of).sum()
+    }
+
+    /// Light of pixel `i`; its [parts](Self::parts) of direct light go into `parts`.
     pub fn shade(&self, i: usize, parts: &mut [Vec3A]) -> Pixel {
         let shading = self.shading;
         if shading.surfaces.alpha.pixels[i] <= 0.0 {
@@ -115,7 +135,12 @@ impl Pass<'_> {
         let material = self.material(i, &view);
         let mut pixel = Pixel { white: material.base * material.transmitted, reflected: material.reflected, ..Pixel::default() };
         let (mut seen, mut weight) = (0.0, 0.0);
-        for (light, part) in parts.iter_mut().enumerate() {
+        let (distant, own) = parts.split_at_mut(self.lighting.lights.len());
+        for part in own {
+            *part = self.lamps_at(i, &view, &material);
+            pixel.direct += *part;
+        }
+        for (light, part) in distant.iter_mut().enumerate() {
             let (direct, specular) = self.direct_of(i, light, &view, &material);
             *part = direct;
             pixel.direct += direct;

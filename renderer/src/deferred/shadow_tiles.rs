@@ -4,6 +4,7 @@
 //! visible point looks it up, and a tile of one frame serves the next where nothing moves. The content of a map depends on the
 //! frame alone, never on which tiles were kept.
 
+use super::lamps::lamps;
 use super::{Lighting, ShadowMap, Shadows, axes};
 use crate::accel::Scratch;
 use crate::compile::RenderScene;
@@ -75,7 +76,7 @@ struct Tile {
     used: u64,
 }
 
-/// Shadow maps of `lighting` at the scene's current frame, whose G-buffer is `frame`. They are fitted to the receivers, the
+/// Shadow maps of `lighting` at the scene's current frame, whose G-buffer is `frame`, and the scene's own lights without an area. They are fitted to the receivers, the
 /// points that the frame shows. A light gets a second, finer map where the nearer half of its receivers spans less than half the
 /// width of all. Everything between the receivers and the light casts a shadow, however far away it is. A receiver outside the
 /// sky's maps is under an open sky. A light's map has about four texels for each receiver and at most [`SHADOW_MAP_SIZE`]
@@ -115,7 +116,8 @@ impl ShadowTiles {
         let sky: Vec<Plan> = lighting.sky.par_iter().filter_map(|cell| of_cell(cell.direction)).collect();
         let counts: Vec<usize> = lights.iter().map(Vec::len).collect();
         let mut maps = self.draw(scene, lights.into_iter().flatten().chain(sky).collect()).into_iter();
-        Shadows { lights: counts.into_iter().map(|count| maps.by_ref().take(count).collect()).collect(), sky: maps.collect() }
+        let lights = counts.into_iter().map(|count| maps.by_ref().take(count).collect()).collect();
+        Shadows { lights, sky: maps.collect(), lamps: lamps(scene, frame) }
     }
 
     /// The maps of `plans`, in order.

@@ -18,6 +18,6 @@ pub(crate) use emitters::LightId;
 pub use emitters::{EmissiveTriangle, EmitterLight, Receiver, Selection};
 pub use envmap::{EnvironmentLight, EnvironmentSample, MAX_RADIANCE, Repairs, Sampling};
 pub use groups::LightGroups;
-pub(crate) use punctual::direction_and_distance;
+pub(crate) use punctual::{Arriving, direction_and_distance};
 pub use punctual::{DistantLight, Lamp};
 pub use sampler::{LightSample, LightSampler, Lights, Source};

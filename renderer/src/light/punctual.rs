@@ -68,7 +68,7 @@ pub struct DistantLight {
 
 /// What a light without an area sends to a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Arriving {
+pub(crate) struct Arriving {
     /// Unit direction to the light.
     pub wi: Vec3A,
     pub distance: f32,
@@ -110,7 +110,7 @@ impl Lamp {
 
     /// What arrives at `p`; `None` where nothing does, and where `p` is the lamp.
     #[inline]
-    pub(super) fn arriving(&self, p: Vec3A) -> Option<Arriving> {
+    pub(crate) fn arriving(&self, p: Vec3A) -> Option<Arriving> {
         let (wi, distance) = direction_and_distance(self.position - p)?;
         let mut irradiance = self.intensity / distance / distance;
         if let Some(cone) = &self.cone {

@@ -51,7 +51,7 @@ pub struct LightSample {
 
 impl LightSample {
     /// A light without an area that is drawn with a probability.
-    pub(super) fn punctual(Arriving { wi, distance, irradiance }: Arriving, lamp: Option<u32>, probability: f32) -> Self {
+    pub(crate) fn punctual(Arriving { wi, distance, irradiance }: Arriving, lamp: Option<u32>, probability: f32) -> Self {
         Self { wi, distance, source: Source::Punctual { lamp, irradiance }, pdf: probability }
     }
 }

@@ -88,7 +88,8 @@ impl<'a> DeferredBaseline<'a> {
             Some(part @ (Part::Shadows | Part::Maps)) => {
                 options.shadows = if part == Part::Maps { ShadowMode::ScreenSpace } else { ShadowMode::None };
                 options.sky = false;
-                none = Maps::default();
+                // The scene's own lights keep their shadows, which are not maps.
+                none = Maps { shadows: Shadows { lamps: maps.shadows.lamps.clone(), ..Shadows::default() }, seconds: 0.0 };
                 maps = &none;
             }
             // The seconds of the sky's maps still count, since these are made together with the maps of the lights.
