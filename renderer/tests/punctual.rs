@@ -5,7 +5,8 @@ mod common;
 
 use common::{camera, compile, diffuse, plane, render_with};
 use glam::{Affine3A, DVec3, Mat3A, Vec3};
-use renderflow_frame::{Environment, Frame};
+use renderflow_frame::{Environment, Frame, Light};
+use renderflow_renderer::deferred::{LAMPS, LIGHTS, Lighting, Options, picture, shade, shadow_maps};
 use renderflow_renderer::light::Selection;
 use renderflow_renderer::{Channels, DirectLight, RenderScene, Settings};
 use renderflow_scenes::loaded::{PunctualKind, PunctualLight};
@@ -16,12 +17,17 @@ use std::f64::consts::PI;
 
 /// A white floor under `lights` and a black sky, and a small part of it around the origin seen at a slant.
 fn floor(lights: Value, objects: Value) -> LoadedScene {
+    floor_seen(lights, objects, 1.0)
+}
+
+/// [`floor`] within a vertical angle of view, degrees.
+fn floor_seen(lights: Value, objects: Value, angle: f32) -> LoadedScene {
     let mut all =
         vec![json!({ "name": "floor", "geometry": { "shape": { "family": "plane", "size": 8.0 } }, "material": "white" })];
     all.extend(objects.as_array().cloned().unwrap_or_default());
     let scene: Scene = serde_json::from_value(json!({
         "version": 1, "name": "floor", "resolution": [16, 16], "frames": 4,
-        "camera": { "type": "poses", "poses": [{ "eye": [1.4, 1.5, 1.5], "target": [0, 0, 0] }], "vertical_fov": 1.0 },
+        "camera": { "type": "poses", "poses": [{ "eye": [1.4, 1.5, 1.5], "target": [0, 0, 0] }], "vertical_fov": angle },
         "environment": { "source": { "constant": [0, 0, 0] } },
         "materials": [{ "name": "white", "base_color": [1, 1, 1], "roughness": 0.0, "specular": 0.0 }],
         "objects": all, "lights": lights,
@@ -296,6 +302,64 @@ fn mitsuba_lights_the_same_scene() {
         let mean = theirs.iter().sum::<f64>() / 12.0;
         println!("{name}: mean difference {:.2e} of {mean:.5}", differences.iter().sum::<f64>() / 12.0 / mean);
     }
+}
+
+/// Deferred shading and path tracing of one bounce agree about points, spots and light from one direction, in the light and in the
+/// shadow of a ball.
+#[test]
+fn deferred_shading_has_lamps_with_their_shadows() {
+    let at = |x: f32, y: f32, z: f32| json!({ "translation": [x, y, z], "rotation": [-90, 0, 0] });
+    let bulb = json!({ "name": "bulb", "kind": { "point": { "intensity": 8.0 } }, "transform": at(0.2, 2.0, 0.0) });
+    let spot = json!({ "name": "spot", "kind": { "spot": { "intensity": 9.0, "inner_angle": 5.0, "outer_angle": 20.0 } },
+        "transform": at(-0.5, 2.0, 0.1), "color": [1.0, 0.5, 0.2] });
+    let sun =
+        json!({ "name": "sun", "kind": { "directional": { "irradiance": 1.5 } }, "transform": { "rotation": [-60, 30, 0] } });
+    let ball = json!([{ "name": "ball", "geometry": { "shape": { "family": "sphere", "radius": 0.25 } },
+        "transform": { "translation": [0.0, 0.6, 0.0] } }]);
+    let black = Environment::constant([0.0; 3]);
+    let lighting = Lighting::new(Light::with_exposure(black, 1.0), LIGHTS);
+    for (name, lights) in
+        [("bulb", json!([bulb])), ("spot", json!([spot])), ("sun", json!([sun])), ("all", json!([bulb, spot, sun]))]
+    {
+        let scene = compile(&floor_seen(lights, ball.clone(), 40.0));
+        let (frame, _) = render_with(&scene, &Settings { spp: 64, max_bounces: 1, ..Settings::default() });
+        let truth = frame.raw.as_ref().expect("a picture");
+        let shadows = shadow_maps(&scene, &lighting, &frame);
+        let made = picture(&frame, &lighting, &shadows, &Options::NONE);
+        let pairs = || made.pixels.iter().zip(&truth.pixels);
+        let close = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).all(|c| (a[c] - b[c]).abs() < 0.02 + 0.03 * b[c]);
+        let far = pairs().filter(|pair| !close(*pair)).count();
+        let sum = |picture: &renderflow_frame::image::Rgb| picture.pixels.iter().flatten().sum::<f32>();
+        let (dark, lit) =
+            (truth.pixels.iter().filter(|p| p[0] < 0.01).count(), truth.pixels.iter().filter(|p| p[0] > 0.3).count());
+        println!(
+            "{name}: {far} of {} pixels differ, {:.4} of {:.4}; {dark} dark, {lit} lit",
+            made.pixels.len(),
+            sum(&made),
+            sum(truth)
+        );
+        // Edges of shadows and of cones differ: a pixel has one ray.
+        assert!(far * 5 < made.pixels.len(), "{name}: {far} pixels differ");
+        assert!((sum(&made) / sum(truth) - 1.0).abs() < 0.03, "{name}: {} of {}", sum(&made), sum(truth));
+        assert!(lit > 20, "{name}: {lit}");
+        let terms = shade(&frame, &lighting, &shadows, &Options::NONE).terms;
+        assert_eq!(terms.direct.len(), 1);
+    }
+    // Of many lamps the strongest count.
+    let many: Vec<Value> = (0..3 * LAMPS)
+        .map(|i| {
+            let intensity = if i % 3 == 0 { 4.0 } else { 0.001 };
+            json!({ "name": format!("lamp {i}"), "kind": { "point": { "intensity": intensity } }, "transform": at(0.1 * i as f32, 2.0, 0.0) })
+        })
+        .collect();
+    let scene = compile(&floor_seen(Value::Array(many), json!([]), 40.0));
+    let (frame, _) = render_with(&scene, &Settings { spp: 16, max_bounces: 1, ..Settings::default() });
+    let shadows = shadow_maps(&scene, &lighting, &frame);
+    assert_eq!(shadows.lamps.len(), LAMPS);
+    let made = picture(&frame, &lighting, &shadows, &Options::NONE);
+    let sum = |picture: &renderflow_frame::image::Rgb| picture.pixels.iter().flatten().sum::<f32>();
+    let share = sum(&made) / sum(frame.raw.as_ref().expect("a picture"));
+    assert!((0.97..1.03).contains(&share), "{share}");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use light_scene::{Surface, point, render, trace};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::tracks::Movement;
 use renderflow_frame::warp::{
-    Correspondence, Keyframe, MAX_RATIO, Neighbour, age, correspond, fetch, fill, nearest, ratio_fetch,
+    Correspondence, FILLED, Keyframe, MAX_RATIO, Neighbour, age, correspond, fetch, fill, nearest, ratio_fetch,
 };
 use renderflow_frame::{Camera, Frame};
 
@@ -52,7 +52,7 @@ fn a_still_camera_sees_itself_exactly() {
     }
     let noise = Rgb::from_fn(SIZE, SIZE, |x, y| [((x * 7 + y * 13) % 11) as f32, 1.0, 0.0]);
     let start = Rgb::from_fn(SIZE, SIZE, |x, y| [((x * 5 + y * 3) % 7) as f32 + 1.0, 0.5, 2.0]);
-    let (fetched, ratio) = (fetch(&noise, &c), ratio_fetch(&noise, &start, &start, &c, 1.0));
+    let (fetched, (ratio, trust)) = (fetch(&noise, &c), ratio_fetch(&noise, &start, &start, &c, 1.0));
     for i in 0..SIZE * SIZE {
         if c.valid.pixels[i] > 0.0 {
             assert_eq!(fetched.pixels[i], noise.pixels[i]);
@@ -61,8 +61,8 @@ fn a_still_camera_sees_itself_exactly() {
             assert!(clamped || (red - truth).abs() < 1e-5 * (1.0 + truth), "{red} {truth}");
         } else {
             assert_eq!(fetched.pixels[i], [0.0; 3]);
-            assert_eq!(ratio.pixels[i], start.pixels[i]);
         }
+        assert_eq!(trust.pixels[i], if c.valid.pixels[i] > 0.0 { 1.0 } else { FILLED });
     }
 }
 
@@ -104,7 +104,7 @@ fn what_the_keyframe_did_not_see_is_invalid() {
     let (current, key) = (render(&scene, &now), render(&scene, &then));
     let c = correspond(&current, &key, None);
     let picture = fetch(&paint(&key, &then), &c);
-    let (mut hidden, mut visible, mut kept) = (0, 0, 0);
+    let (mut hidden, mut beside, mut visible, mut kept) = (0, 0, 0, 0);
     for i in 0..SIZE * SIZE {
         if !current.depth.pixels[i].is_finite() {
             continue;
@@ -116,18 +116,23 @@ fn what_the_keyframe_did_not_see_is_invalid() {
         let inside = then.project(p).is_some_and(|(q, _)| q.min_element() > 1.0 && q.max_element() < SIZE as f32 - 1.0);
         if !seen {
             hidden += 1;
-            assert_eq!(c.valid.pixels[i], 0.0, "hidden point {p} passed as seen");
+            // Beside a hidden point there may be pixels that show its surface, but never all around it.
+            assert!(c.valid.pixels[i] < 1.0, "hidden point {p} passed as seen");
+            beside += usize::from(c.valid.pixels[i] > 0.0);
         } else if inside {
             visible += 1;
             kept += usize::from(c.valid.pixels[i] > 0.0);
         }
         if c.valid.pixels[i] > 0.0 && current.depth.pixels[i] < 4.5 {
             let truth = colour(p);
-            assert!((0..3).all(|k| (picture.pixels[i][k] - truth[k]).abs() < 0.08), "{:?} {truth:?}", picture.pixels[i]);
+            // Taps on one side alone are up to a pixel away.
+            let near = if c.valid.pixels[i] < 1.0 { 0.3 } else { 0.08 };
+            assert!((0..3).all(|k| (picture.pixels[i][k] - truth[k]).abs() < near), "{:?} {truth:?}", picture.pixels[i]);
         }
     }
-    println!("{hidden} hidden, {kept} of {visible} visible points kept");
-    assert!(hidden > 300 && kept as f32 > 0.9 * visible as f32, "{hidden} hidden, {kept} of {visible} kept");
+    println!("{hidden} hidden, {beside} of them beside the surface, {kept} of {visible} visible points kept");
+    assert!(hidden > 300 && beside * 10 < hidden, "{beside} of {hidden} beside the surface");
+    assert!(kept as f32 > 0.97 * visible as f32, "{kept} of {visible} kept");
 }
 
 #[test]
@@ -149,11 +154,11 @@ fn depth_and_normal_tests_stand_on_their_own() {
         // Nearer than the tolerance of one per cent the depth buffer cannot tell.
         if (t / p.distance(then.position()) - 1.0).abs() > 0.03 {
             hidden += 1;
-            passed += usize::from(c.valid.pixels[i] > 0.0);
+            passed += usize::from(c.valid.pixels[i] > 0.5);
         }
     }
     println!("{passed} of {hidden} hidden points pass");
-    assert!(hidden > 300 && passed == 0, "{passed} of {hidden} hidden points pass");
+    assert!(hidden > 300 && passed * 100 < hidden, "{passed} of {hidden} hidden points pass");
 
     // The same frame with its normals turned by an angle below and above the threshold of 30 degrees.
     for (angle, expected) in [(0.4_f32, true), (0.65, false)] {
@@ -290,14 +295,54 @@ fn ratios_keep_texture_sharp() {
     let (start_now, start_then) = (texture(&current, &now), texture(&key, &then));
     let (truth_now, truth_then) = (lit(&current, &now, &start_now), lit(&key, &then, &start_then));
     let c = correspond(&current, &key, None);
-    let (by_ratio, direct) = (ratio_fetch(&truth_then, &start_then, &start_now, &c, 1.0), fetch(&truth_then, &c));
+    let (by_ratio, direct) = (ratio_fetch(&truth_then, &start_then, &start_now, &c, 1.0).0, fetch(&truth_then, &c));
     let error = |picture: &Rgb| -> f32 {
-        let squares = (0..SIZE * SIZE).filter(|i| c.valid.pixels[*i] > 0.0);
+        let squares = (0..SIZE * SIZE).filter(|i| c.valid.pixels[*i] >= 1.0);
         squares.map(|i| (picture.pixels[i][0] - truth_now.pixels[i][0]).powi(2)).sum::<f32>().sqrt()
     };
     assert!(share(&c, &current) > 0.8);
     println!("root of the squared error: ratio {}, direct {}", error(&by_ratio), error(&direct));
     assert!(error(&by_ratio) < 0.1 * error(&direct), "{} {}", error(&by_ratio), error(&direct));
+}
+
+#[test]
+fn holes_take_the_ratio_of_what_is_around() {
+    let scene = scene();
+    let (now, then) = (camera(Vec3A::new(0.9, 1.0, 2.8)), camera(Vec3A::new(-0.9, 1.0, 2.8)));
+    let (current, key) = (render(&scene, &now), render(&scene, &then));
+    let c = correspond(&current, &key, None);
+    let holes: Vec<usize> = (0..SIZE * SIZE).filter(|i| c.valid.pixels[*i] == 0.0).collect();
+    assert!(holes.len() > 300, "{}", holes.len());
+    // The truth is brighter than the start by a factor (with the floor of .01 on both sides), redder on the left.
+    let start = Rgb::from_fn(SIZE, SIZE, |x, y| [0.2 + 0.1 * ((x * 7 + y * 3) % 5) as f32, 0.5, 0.4]);
+    let by = |factors: &dyn Fn(usize) -> [f32; 3]| {
+        Rgb::from_fn(SIZE, SIZE, |x, y| {
+            let (factors, start) = (factors(x), start.pixels[y * SIZE + x]);
+            std::array::from_fn(|k| (start[k] + 0.01) * factors[k] - 0.01)
+        })
+    };
+    let (filled, trust) = ratio_fetch(&by(&|_| [2.0, 1.5, 0.5]), &start, &start, &c, 1.0);
+    for &i in &holes {
+        assert_eq!(trust.pixels[i], FILLED);
+        for (k, factor) in [2.0, 1.5, 0.5].into_iter().enumerate() {
+            let expected = (start.pixels[i][k] + 0.01) * factor - 0.01;
+            assert!((filled.pixels[i][k] - expected).abs() < 1e-4, "{:?} {expected}", filled.pixels[i]);
+        }
+    }
+    // Factors of 1 to 4: fills stay among them, and one bad pixel of the truth spoils no other.
+    let mut truth = by(&|x| [1.0 + 3.0 * x as f32 / SIZE as f32, 1.0, 1.0]);
+    truth.pixels[SIZE * SIZE / 2 + 10] = [f32::NAN; 3];
+    let (filled, _) = ratio_fetch(&truth, &start, &start, &c, 1.0);
+    for i in 0..SIZE * SIZE {
+        let factor = (filled.pixels[i][0] + 0.01) / (start.pixels[i][0] + 0.01);
+        assert!((0.999..4.001).contains(&factor), "pixel {i}: {factor}");
+    }
+    // A keyframe that shows nothing of the frame says nothing.
+    let elsewhere = render(&scene, &camera(Vec3A::new(0.0, 40.0, 60.0)));
+    let mut none = correspond(&current, &Frame { depth: Image::filled(SIZE, SIZE, f32::INFINITY), ..elsewhere }, None);
+    none.source.pixels.fill([3.0; 2]);
+    let (picture, trust) = ratio_fetch(&truth, &start, &start, &none, 1.0);
+    assert!(trust.pixels.iter().all(|trust| *trust == 0.0) && picture == start);
 }
 
 #[test]
@@ -315,7 +360,7 @@ fn odd_input_is_invalid_not_a_crash() {
     let zero = Image::filled(SIZE, SIZE, [0.0; 3]);
     let c = correspond(&frame, &frame, None);
     for exposure in [0.0, 1.0, f32::NAN, f32::INFINITY] {
-        assert!(ratio_fetch(&zero, &zero, &zero, &c, exposure).pixels.iter().flatten().all(|v| *v == 0.0));
+        assert!(ratio_fetch(&zero, &zero, &zero, &c, exposure).0.pixels.iter().flatten().all(|v| *v == 0.0));
     }
 }
 
@@ -332,10 +377,11 @@ fn keyframes_are_warped_and_holes_filled() {
     let made = fill(&frame, &start, &[at(&key, -4.0)], 1.0);
     let (mut warped, mut filled) = (0, 0);
     for i in (0..SIZE * SIZE).filter(|i| frame.alpha.pixels[*i] > 0.0) {
-        let close = |picture: &Rgb, by: f32| (0..3).all(|c| (made.pixels[i][c] - picture.pixels[i][c]).abs() < by);
-        let (good, hole) = (close(&wanted, 0.05), close(&start, 1e-6));
-        assert!(good || hole, "{:?} at {i}, wanted {:?}", made.pixels[i], wanted.pixels[i]);
-        (warped, filled) = (warped + i32::from(good), filled + i32::from(hole));
+        let good = (0..3).all(|c| (made.pixels[i][c] - wanted.pixels[i][c]).abs() < 0.05);
+        // Holes are filled by a mixture of the start and of what the keyframe says about the pixels around.
+        let between = (0..3).all(|c| (start.pixels[i][c]..=wanted.pixels[i][c]).contains(&made.pixels[i][c]));
+        assert!(good || between, "{:?} at {i}, wanted {:?}", made.pixels[i], wanted.pixels[i]);
+        (warped, filled) = (warped + i32::from(good), filled + i32::from(!good));
     }
     assert!(warped > 3 * filled && filled > 20, "{warped} warped, {filled} filled");
     // Of two keyframes the nearer one counts more; one at no distance counts alone; one of another size or without a start not at
