@@ -7,8 +7,8 @@ use crate::image::{Image, Rgb};
 /// ambient_specular + reflections + indirect) + (1 - alpha) * background`.
 #[derive(Clone, Debug, Default)]
 pub struct ShadingTerms {
-    /// Light that each dominant light of the environment sends to the camera, with shadows; the strongest light first. If the scene
-    /// has lights of its own, all of theirs follows as one.
+    /// Light that each dominant light of the environment sends to the camera, with shadows; the strongest light first. If the
+    /// scene has lights of its own, all of theirs follows as one.
     pub direct: Vec<Rgb>,
     /// Share of each light that a pixel sees, 0..=1; empty where shadows are off.
     pub visibility: Vec<Image<f32>>,

@@ -1,5 +1,5 @@
-//! The lights of the scene itself that have no area: points, spots, and light from one direction. A ray from each pixel to each of
-//! them finds their shadows.
+//! The lights of the scene itself that have no area: points, spots, and light from one direction. A ray from each pixel to each
+//! of them finds their shadows.
 
 use crate::accel::Scratch;
 use crate::compile::RenderScene;
