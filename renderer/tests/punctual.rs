@@ -304,8 +304,8 @@ fn mitsuba_lights_the_same_scene() {
     }
 }
 
-/// Deferred shading and path tracing of one bounce agree about points, spots and light from one direction, in the light and in the
-/// shadow of a ball.
+/// Deferred shading and path tracing of one bounce agree about points, spots and light from one direction, in the light and in
+/// the shadow of a ball.
 #[test]
 fn deferred_shading_has_lamps_with_their_shadows() {
     let at = |x: f32, y: f32, z: f32| json!({ "translation": [x, y, z], "rotation": [-90, 0, 0] });

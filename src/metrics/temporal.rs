@@ -28,8 +28,9 @@ impl Pair<'_> {
     }
 }
 
-/// Mean over the pixels whose surface the previous frame shows in the whole footprint, and over channels, of `|(picture - warp(previous picture)) - (truth - warp(previous truth))|`: how much
-/// more, or else, the picture changes on the surfaces than the truth does. `None` when nothing is valid or the sizes differ.
+/// Mean over pixels and channels of `|(picture - warp(previous picture)) - (truth - warp(previous truth))|`: how much more, or
+/// else, the picture changes on the surfaces than the truth does. Pixels count whose surface the previous frame shows in the
+/// whole footprint. `None` when there are none, or the sizes differ.
 ///
 /// It is fair to any method: what changes in the truth (highlights that travel, shadows that move) may change, and must; the
 /// truth itself gets exactly 0, and so does a constant error, however large: that is for the other metrics. Errors that stay on

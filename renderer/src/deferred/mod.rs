@@ -1,7 +1,7 @@
 //! Deferred shading as a good game engine does it from data that a rasteriser has: the dominant lights are analytic and shadowed
 //! by shadow maps, and the rest of the environment is lit by the split sum with ambient occlusion, screen-space reflections, and
-//! one bounce of indirect light. Points, spots and directional lights of the scene are shadowed by a ray from each pixel; surfaces
-//! that glow light nothing.
+//! one bounce of indirect light. Points, spots and directional lights of the scene are shadowed by a ray from each pixel.
+//! Surfaces that glow light nothing.
 //!
 //! [`Lighting::new`] runs once per sequence. [`ShadowTiles::maps`] and [`shade`] run once per frame.
 

@@ -76,11 +76,12 @@ struct Tile {
     used: u64,
 }
 
-/// Shadow maps of `lighting` at the scene's current frame, whose G-buffer is `frame`, and the scene's own lights without an area. They are fitted to the receivers, the
-/// points that the frame shows. A light gets a second, finer map where the nearer half of its receivers spans less than half the
-/// width of all. Everything between the receivers and the light casts a shadow, however far away it is. A receiver outside the
-/// sky's maps is under an open sky. A light's map has about four texels for each receiver and at most [`SHADOW_MAP_SIZE`]
-/// squared; a map of the sky has at most 128 squared. A frame without receivers has no maps.
+/// Shadow maps of `lighting` at the scene's current frame, whose G-buffer is `frame`, and the scene's own lights without an
+/// area. The maps are fitted to the receivers, the points that the frame shows. A light gets a second, finer map where the
+/// nearer half of its receivers spans less than half the width of all. Everything between the receivers and the light casts a
+/// shadow, however far away it is. A receiver outside the sky's maps is under an open sky. A light's map has about four texels
+/// for each receiver and at most [`SHADOW_MAP_SIZE`] squared; a map of the sky has at most 128 squared. A frame without
+/// receivers has no maps.
 pub fn shadow_maps(scene: &RenderScene, lighting: &Lighting, frame: &Frame) -> Shadows {
     ShadowTiles::default().maps(scene, lighting, frame)
 }
