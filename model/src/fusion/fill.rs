@@ -120,7 +120,6 @@ impl Record<f32> {
             .as_ref()
             .zip(shaded)
             .map(|(there, here)| warp::ratio_fetch(&keyframe.truth, there, here, &found, exposure));
-        let over_shading = over_shading.as_ref().map(|(picture, trust)| (picture, trust));
         let plain = |frame: &Frame, i: usize| {
             let alpha = frame.alpha.pixels[i];
             let guide = frame.guide_albedo.as_ref().filter(|_| alpha > 0.0).map(|guide| guide.pixels[i].map(|v| v / alpha));
@@ -143,7 +142,7 @@ impl Record<f32> {
             }
             let here = [out[at::ALBEDO], out[at::ALBEDO + 1], out[at::ALBEDO + 2]];
             let tinted: [f32; 3] = std::array::from_fn(|c| over_tint.pixels[i][c] * (here[c] + TINT));
-            let shaded = over_shading.map(|(picture, trust)| (picture.pixels[i], trust.pixels[i]));
+            let shaded = over_shading.as_ref().map(|(picture, trust)| (picture.pixels[i], trust.pixels[i]));
             for (from, known) in [(at::KEYS_SHADED, shaded), (at::KEYS_TINTED, Some((tinted, found.valid.pixels[i])))] {
                 if let Some((rgb, trust)) = known.filter(|(_, trust)| *trust > 0.0) {
                     put(out, from + 4 * k, rgb.map(|v| radiance(exposure * v)));
