@@ -60,6 +60,9 @@ pub struct Recipe {
     pub keyed: f64,
     /// Samples for each pixel of the truth of a bare sequence.
     pub bare_spp: u32,
+    /// The same for its keyframes, if it has any. Their noise is carried to the other frames. A network that learns from noisy
+    /// keyframes trusts clean ones too little.
+    pub key_spp: u32,
     /// Share of the sequences of a plan, 0..=1, that are rendered at half the width and height. They take a quarter of the time,
     /// so that a network sees more scenes. Crops that do not fit them are taken from the others.
     pub small: f64,
@@ -80,6 +83,7 @@ impl Default for Recipe {
             bare: 0.0,
             keyed: 0.0,
             bare_spp: 16,
+            key_spp: 64,
             small: 0.0,
             skip: 0,
             count: None,
@@ -176,7 +180,8 @@ impl<'a> Planned<'a> {
         let before = pick(seed, "before", frames - gap);
         let between = (before + 1..before + gap).collect();
         let selected = SelectedFrames { keys: [before, before + gap], between: self.maker.some(seed, between) };
-        self.maker.records(&loaded, &selected, seed, &|_, scene| self.maker.truth(scene, seed))
+        let truth = |number: usize, scene: &RenderScene| self.maker.truth(scene, seed, selected.keys.contains(&number));
+        self.maker.records(&loaded, &selected, seed, &truth)
     }
 }
 
@@ -370,8 +375,13 @@ impl<'a> Maker<'a> {
         Ok(render(scene, &settings, &|_, _| (), self.cancel)?)
     }
 
-    fn truth(&self, scene: &RenderScene, seed: Seed) -> Result<Rgb> {
-        let spp = if self.bare(seed) { self.recipe.bare_spp } else { self.recipe.truth_spp };
+    /// The truth of the frame at which `scene` stands, in a sequence of `seed`. `key` says whether it is a keyframe.
+    fn truth(&self, scene: &RenderScene, seed: Seed, key: bool) -> Result<Rgb> {
+        let spp = match self.bare(seed) {
+            false => self.recipe.truth_spp,
+            true if key && self.keyed(seed) => self.recipe.key_spp,
+            true => self.recipe.bare_spp,
+        };
         let traced = self.trace(scene, spp, false)?;
         let raw = traced.raw.context("the path tracer made no picture")?;
         match &self.denoisers {

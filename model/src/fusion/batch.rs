@@ -1,5 +1,5 @@
 //! Batches: random crops of records, random subsets of their inputs, and augmentations that change the truth exactly as the
-//! inputs (mirroring, permuted primaries, exposure).
+//! inputs (mirroring, exchanged primaries, exposure, coloured light).
 
 use super::graph::MULTIPLE;
 use super::head::Picture;
@@ -71,6 +71,10 @@ pub fn tiers(names: &[String]) -> Result<Vec<Tier>> {
 
 /// Largest change of exposure in stops.
 const STOPS: f32 = 1.0;
+/// Largest further change of the light of each primary in stops.
+const TINGE: f32 = 0.5;
+/// Share of the crops in which several channels may take the same primary.
+const REPEATED: f64 = 0.25;
 /// Number of neighbours that come before the frame. The others come after it.
 pub const BEFORE: usize = NEIGHBOURS / 2;
 
@@ -79,23 +83,28 @@ pub const BEFORE: usize = NEIGHBOURS / 2;
 pub struct Augmentation {
     /// Whether left and right are swapped.
     pub mirror: bool,
-    /// The primary that each colour channel takes.
+    /// The primary that each colour channel takes. Light of one primary never becomes light of another, so any choice is the
+    /// picture of a scene.
     pub primaries: [usize; 3],
-    /// Factor of all radiance values.
-    pub gain: f32,
+    /// Factor of the radiance in each channel: exposure and the colour of all lights.
+    pub gains: [f32; 3],
 }
 
 impl Augmentation {
     /// No change.
-    pub const NONE: Self = Self { mirror: false, primaries: [0, 1, 2], gain: 1.0 };
+    pub const NONE: Self = Self { mirror: false, primaries: [0, 1, 2], gains: [1.0; 3] };
 
     fn draw(rng: &mut Pcg64Mcg) -> Self {
         const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
-        Self {
-            mirror: rng.random_bool(0.5),
-            primaries: ORDERS[rng.random_range(0..ORDERS.len())],
-            gain: rng.random_range(-STOPS..STOPS).exp2(),
-        }
+        let mirror = rng.random_bool(0.5);
+        let primaries = if rng.random_bool(REPEATED) {
+            [(); 3].map(|()| rng.random_range(0..3))
+        } else {
+            ORDERS[rng.random_range(0..ORDERS.len())]
+        };
+        let exposure = rng.random_range(-STOPS..STOPS);
+        let gains = [(); 3].map(|()| (exposure + rng.random_range(-TINGE..TINGE)).exp2());
+        Self { mirror, primaries, gains }
     }
 
     /// Changes the numbers of one pixel. Mirroring also moves the pixel, which [`Batch::of`] does.
@@ -103,15 +112,15 @@ impl Augmentation {
         if self.mirror {
             stored[at::NORMAL] = -stored[at::NORMAL];
         }
-        let mut turn = |from: usize, gain: f32| {
+        let mut turn = |from: usize, gains: [f32; 3]| {
             let before = [stored[from], stored[from + 1], stored[from + 2]];
-            (0..3).for_each(|c| stored[from + c] = radiance(gain * before[self.primaries[c]]));
+            (0..3).for_each(|c| stored[from + c] = radiance(gains[c] * before[self.primaries[c]]));
         };
-        turn(at::ALBEDO, 1.0);
+        turn(at::ALBEDO, [1.0; 3]);
         let plain = (at::BACKGROUND..at::OPEN).step_by(3).chain([at::TRUTH]);
         let denoised = (at::DENOISED..at::TRUTH).step_by(3);
         let counted = (at::KEYS_SHADED..at::DENOISED).step_by(4);
-        plain.chain(denoised).chain(counted).for_each(|from| turn(from, self.gain));
+        plain.chain(denoised).chain(counted).for_each(|from| turn(from, self.gains));
     }
 }
 
@@ -343,12 +352,12 @@ mod tests {
         record
     }
 
-    /// Reading an augmented record gives the mirrored, permuted and scaled values of the plain record.
+    /// Reading an augmented record gives the mirrored, exchanged and scaled values of the plain record.
     #[test]
     fn augmentations_are_exact() {
         let record = record(16, 16, 3);
         let window = Window { x: 0, y: 0, width: 16, height: 16 };
-        let augmentation = Augmentation { mirror: true, primaries: [2, 0, 1], gain: 0.5 };
+        let augmentation = Augmentation { mirror: true, primaries: [2, 0, 0], gains: [0.5, 2.0, 1.5] };
         let selection = Selection::all(&record);
         let (plain, changed) =
             (Batch::of(&record, window, &selection, &Augmentation::NONE), Batch::of(&record, window, &selection, &augmentation));
@@ -356,16 +365,16 @@ mod tests {
             let mirrored = i / 16 * 16 + 15 - i % 16;
             let (a, b) = (&plain.pixels[mirrored], &changed.pixels[i]);
             for c in 0..3 {
-                let from = augmentation.primaries[c];
-                assert_eq!(b.background[c], 0.5 * a.background[from]);
+                let (from, gain) = (augmentation.primaries[c], augmentation.gains[c]);
+                assert_eq!(b.background[c], gain * a.background[from]);
                 assert_eq!(b.tint[c], a.tint[from]);
-                assert_eq!((b.own[c], b.own[3]), (0.5 * a.own[from], a.own[3]));
-                assert_eq!(b.reflected[c], 0.5 * a.reflected[from]);
-                assert_eq!(b.terms[2][c], 0.5 * a.terms[2][from]);
-                assert_eq!(b.keys[1][c], 0.5 * a.keys[1][from]);
-                assert_eq!(b.others[3][c], 0.5 * a.others[3][from]);
-                assert_eq!(b.denoised.unwrap()[c], 0.5 * a.denoised.unwrap()[from]);
-                assert_eq!(changed.truth[i][c], 0.5 * plain.truth[mirrored][from]);
+                assert_eq!((b.own[c], b.own[3]), (gain * a.own[from], a.own[3]));
+                assert_eq!(b.reflected[c], gain * a.reflected[from]);
+                assert_eq!(b.terms[2][c], gain * a.terms[2][from]);
+                assert_eq!(b.keys[1][c], gain * a.keys[1][from]);
+                assert_eq!(b.others[3][c], gain * a.others[3][from]);
+                assert_eq!(b.denoised.unwrap()[c], gain * a.denoised.unwrap()[from]);
+                assert_eq!(changed.truth[i][c], gain * plain.truth[mirrored][from]);
             }
         }
     }
