@@ -52,8 +52,9 @@ if [ -n "${RENDERFLOW_MPI-}" ]; then
 else
     target=${CARGO_TARGET_DIR:-target}
     $CARGO build --release --features mpi
-    cp "$target/release/renderflow" "$site/renderflow"
-    program=$site/renderflow
+    # tests/slurm/run.sh uses it too.
+    cp "$target/release/renderflow" "$target/renderflow-mpi"
+    program=$(realpath "$target/renderflow-mpi")
     # The program without MPI takes its place again.
     $CARGO build --release
 fi

@@ -1,11 +1,15 @@
 #!/bin/sh
-# Renders datasets on a real Slurm: controller and node daemon on this machine's loopback, in a temporary folder, gone at the end.
+# Renders datasets and trains on a real Slurm: controller and node daemon on this machine's loopback, in a temporary folder, gone at
+# the end.
 #   sh tests/slurm/run.sh              everything; as root on Debian, where Slurm's packages are installed if they are not there
 #   TASKS=200 sh tests/slurm/run.sh    measures the overhead with so many tasks (60)
-# RENDERFLOW names the program (target/release/renderflow). Skipped, with the reason, where Slurm cannot be run.
+# RENDERFLOW names the program (target/release/renderflow), RENDERFLOW_MPI one that was built with --features mpi
+# (target/renderflow-mpi, which tests/mpi/run.sh makes). Without the latter, jobs of several processes are skipped. So is everything,
+# with the reason, where Slurm cannot be run.
 set -eu
 cd "$(dirname "$0")/../.."
 program=$(realpath "${RENDERFLOW:-target/release/renderflow}")
+with_mpi=${RENDERFLOW_MPI:-target/renderflow-mpi}
 tasks=${TASKS:-60}
 
 skip() {
@@ -236,7 +240,92 @@ else
     echo "skipped: starved: user nobody cannot run $program"
 fi
 
-# 5. What Slurm costs a task: tasks that do nothing, and tasks of one small frame against the same work without Slurm.
+# 5. A training: undisturbed, with a process killed, and told to stop. Each ends with the weights of a run without Slurm.
+# Root may start processes with Open MPI, more of them than cores; they talk through the loopback interface.
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1
+export OMPI_MCA_btl=self,tcp OMPI_MCA_btl_tcp_if_include=lo OMPI_MCA_oob_tcp_if_include=lo
+mkdir -p "$site/training"
+"$program" dataset plan --seed 5 --sequences 3 --frames 4 --resolution 64 --spp 4 --denoise none --out "$site/training/plan.json" >/dev/null
+cat >"$site/training/run.json" <<CONFIG
+{"network": "fusion", "training": {"network": {"widths": [16, 16, 16, 16]}, "crops": [{"size": 32, "batch": 8, "from": 0.0}],
+"steps": 800, "first": 2, "rotate_steps": 100, "window": 3, "checkpoint_steps": 1000, "log_steps": 5, "products": "f32"},
+"recipe": {"truth_spp": 4, "frames": 1}, "validation": 1}
+CONFIG
+# train NAME: what follows `train` on the command line.
+train() { echo --config "$site/training/run.json" --plan "$site/training/plan.json" --keep "$site/training/kept" -o "$site/training/$1"; }
+# submit_training NAME PROCESSES [options of train slurm]: number of the job in `job`.
+submit_training() {
+    run=$1 tasks_of_run=$2
+    shift 2
+    # shellcheck disable=SC2046
+    "$program" train slurm --processes "$tasks_of_run" --cpus 1 --memory 2G --time 00:20:00 --grace 9 \
+        --script-dir "$site/training/$run-job" \
+        --extra "--output=$site/training/$run.log" "$@" -- $(train "$run") >/dev/null || fail "$run: train slurm"
+    job=$(sbatch --parsable "$site/training/$run-job/job.sh") || fail "$run: sbatch"
+}
+stepped() { [ "$(tail -n 1 "$site/training/$1/log.jsonl" 2>/dev/null | sed 's/.*"step":\([0-9]*\).*/\1/')" -ge "$2" ] 2>/dev/null; }
+reported() { grep -qs "$2" "$site/training/$1.log"; }
+trained() { # NAME LIKE
+    within 400 ended "$job" || fail "$1: the job has not ended: $(squeue)"
+    [ "$(state "$job")" = COMPLETED ] || fail "$1: the job is $(state "$job"): $(tail -n 5 "$site/training/$1.log")"
+    cmp "$site/training/$2/weights.safetensors" "$site/training/$1/weights.safetensors" || fail "$1: other weights than $2"
+    echo "$1: the same weights as $2"
+}
+# shellcheck disable=SC2046
+"$program" train $(train alone) --threads 1 -q >"$site/log/alone.log" 2>&1 || fail "training: $(tail -n 5 "$site/log/alone.log")"
+# disturb NAME PROCESSES VICTIM [options]: runs as they are, with one process of this name killed, and told to stop.
+disturb() {
+    name=$1 processes=$2 victim=$3 like=$4
+    shift 4
+    submit_training "$name" "$processes" "$@"
+    trained "$name" "$like"
+
+    submit_training "$name-killed" "$processes" "$@"
+    within 120 stepped "$name-killed" 45 || fail "$name-killed: no steps: $(squeue; tail -n 5 "$site/training/$name-killed.log")"
+    pkill -KILL -n -x "$victim" || fail "$name-killed: there is no $victim"
+    begun=$(now)
+    within 120 reported "$name-killed" 'restart 0: ended with status' || fail "$name-killed: the job did not notice: $(tail -n 5 "$site/training/$name-killed.log")"
+    within 120 reported "$name-killed" 'restart 1: starts' || fail "$name-killed: the job did not start again"
+    echo "$name-killed: started again after $(since "$begun") s"
+    trained "$name-killed" "$like"
+
+    submit_training "$name-told" "$processes" "$@"
+    within 120 stepped "$name-told" 45 || fail "$name-told: no steps"
+    begun=$(now)
+    # Without --batch, the processes that srun started are told, as at the end of the time.
+    case $* in *mpirun*) to=--batch ;; *) to= ;; esac
+    # shellcheck disable=SC2086
+    timeout 2 scancel --signal=TERM $to "$job" || true
+    within 60 reported "$name-told" 'restart 0: interrupted' || fail "$name-told: did not stop: $(tail -n 5 "$site/training/$name-told.log")"
+    # There is no other checkpoint than the one of the stop.
+    [ -s "$site/training/$name-told/checkpoint.safetensors" ] || fail "$name-told: stopped without a checkpoint"
+    echo "$name-told: stopped after $(since "$begun") s, at step $(tail -n 1 "$site/training/$name-told/log.jsonl" | sed 's/.*"step":\([0-9]*\).*/\1/')"
+    within 120 reported "$name-told" 'restart 1: starts' || fail "$name-told: the job did not start again"
+    trained "$name-told" "$like"
+}
+running_as() { basename "$1" | cut -c 1-15; }
+pmix() { srun --mpi=list 2>&1 | grep -q pmix; }
+if command -v mpirun >/dev/null; then
+    disturb training 1 "$(running_as "$program")" alone --launcher mpirun
+else
+    echo "skipped: training: there is no mpirun"
+fi
+if [ -x "$with_mpi" ] && [ "$cores" -ge 2 ]; then
+    both=$(realpath "$with_mpi")
+    # shellcheck disable=SC2046
+    mpirun -n 2 --bind-to none "$both" train $(train together) --threads 1 -q >"$site/log/together.log" 2>&1 ||
+        fail "training by two: $(tail -n 5 "$site/log/together.log")"
+    disturb two 2 "$(running_as "$both")" together --launcher mpirun --program "$both"
+    if pmix; then
+        disturb srun 2 "$(running_as "$both")" together --launcher srun --program "$both"
+    else
+        echo "skipped: two processes by srun: this Slurm has no plugin for PMIx"
+    fi
+else
+    echo "skipped: two processes: $with_mpi is not there, or there is one core only"
+fi
+
+# 6. What Slurm costs a task: tasks that do nothing, and tasks of one small frame against the same work without Slurm.
 measure() { awk "BEGIN { printf \"%.3f\", ($1) }"; }
 array_done() { ! state "$1" | grep -qvx COMPLETED; }
 empty_tasks() {

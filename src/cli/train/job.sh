@@ -22,8 +22,9 @@ cd @FOLDER@ || exit 2
 # With srun, Slurm tells all processes; with mpirun, it tells this shell. They finish the step and write a checkpoint.
 @WAIT@
 
-# mpirun kills processes so many seconds after it has told them to stop; by default 1. Open MPI 4 and 5.
-export OMPI_MCA_odls_base_sigkill_timeout=@GRACE@ PRTE_MCA_odls_base_sigkill_timeout=@GRACE@
+# When mpirun is told to stop, it waits so many seconds, tells the processes, waits again and kills them; by default 1. A third of the
+# grace is left for what follows. Open MPI 4 and 5.
+export OMPI_MCA_odls_base_sigkill_timeout=@PATIENCE@ PRTE_MCA_odls_base_sigkill_timeout=@PATIENCE@
 
 say "starts on ${SLURM_JOB_NODELIST:-$(hostname)}"
 run @LAUNCH@ "$program" train@ARGUMENTS@ --threads @CPUS@@ALLOWED@
@@ -35,7 +36,14 @@ case $status in
     ;;
 2) give_up "failed with status 2: the command cannot work" ;;
 75 | 143) say "interrupted; goes on from its checkpoint" ;;
-*) say "ended with status $status; goes on from its last checkpoint" ;;
+*)
+    # An mpirun that was told to stop ends with 1.
+    if [ "$signals" -gt 0 ]; then
+        say "interrupted; goes on from its checkpoint"
+    else
+        say "ended with status $status; goes on from its last checkpoint"
+    fi
+    ;;
 esac
 [ "$restarts" -lt "$retries" ] || give_up "ended after $retries retries"
 scontrol requeue "$job" || give_up "cannot be requeued"

@@ -65,7 +65,7 @@ pub struct SlurmArgs {
     #[arg(long, default_value_t = 20, help_heading = "Job")]
     retries: u32,
     /// Seconds before the end of --time at which the processes are told to stop after their step. A step, a checkpoint and a
-    /// validation should take less
+    /// validation should take less; with mpirun, less than a third of it
     #[arg(long, default_value_t = 120, value_parser = clap::value_parser!(u32).range(1..=65535), help_heading = "Job")]
     grace: u32,
     /// One more option for sbatch, such as "--qos=long"; may be given several times
@@ -139,6 +139,7 @@ impl SlurmArgs {
             ("MEGABYTES", self.memory.megabytes.to_string()),
             ("RETRIES", self.retries.to_string()),
             ("GRACE", self.grace.to_string()),
+            ("PATIENCE", (self.grace / 3).max(1).to_string()),
         ];
         let mut values = vec![
             ("TIME", word("--time", &self.time)?.into()),
