@@ -6,7 +6,12 @@ use renderflow_fuzz::{catch_in_readers, folder, names_file, parts, plain, put, s
 use std::path::PathBuf;
 use std::sync::LazyLock;
 
-/// The file itself: the crate it stands in takes minutes to build.
+/// The files themselves: the crate they stand in takes minutes to build.
+#[path = "../../src/util"]
+mod util {
+    #[allow(dead_code)]
+    pub mod files;
+}
 #[allow(dead_code)]
 #[path = "../../src/evaluate/results.rs"]
 mod results;
