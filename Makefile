@@ -24,20 +24,20 @@ test: oidn
 test-full: test build test-wheel dist
 	$(CARGO) test --release --workspace -- --ignored
 	sh tests/python/run.sh
-	sh tests/slurm/run.sh
 	sh tests/mpi/run.sh
+	sh tests/slurm/run.sh
 	python3 tests/readme/run.py
 	sh tests/browser/run.sh
 	sh tests/container/run.sh
 	$(MAKE) docs
+	$(CARGO) check --manifest-path fuzz/Cargo.toml --features all --target-dir target/fuzz-check
 	$(RENDERFLOW) stress --again --out target/stress.json
 	$(MAKE) test-gpu
 
 # Networks on another device than the processor, which is OpenGL in software where there is no GPU. The build for CUDA is checked
 # without its tools. Afterwards $(RENDERFLOW) is a build for GPUs.
 test-gpu:
-	$(CARGO) test --release -p renderflow-model --features vulkan --test kernels --test fusion
-	$(CARGO) test --release --features vulkan --test devices
+	$(CARGO) test --release -p renderflow -p renderflow-model --features vulkan --test devices --test kernels --test fusion -- --nocapture
 	DOCS_RS=1 $(CARGO) check --release -p renderflow-model --features cuda
 
 # Time against error on every benchmark scene, small: minutes. docs/benchmarks.md has the other measurements.
