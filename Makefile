@@ -1,5 +1,5 @@
 # RenderFlow. `make demo` and `make test` do all set-up on a fresh Debian or Ubuntu with Rust and Python's pip.
-.PHONY: demo test test-full test-gpu test-wheel bench docs oidn build dist wheel wheel-portable lint hdri clean
+.PHONY: demo test test-full test-gpu check-cuda test-wheel bench docs oidn build dist wheel wheel-portable lint hdri clean
 
 CARGO = cargo
 RENDERFLOW = target/release/renderflow
@@ -18,6 +18,7 @@ lint:
 
 test: oidn
 	$(MAKE) lint
+	$(MAKE) check-cuda
 	$(CARGO) test --release --workspace
 
 # What takes longer, or needs packages from the Python registry.
@@ -34,11 +35,14 @@ test-full: test build test-wheel dist
 	$(RENDERFLOW) stress --again --out target/stress.json
 	$(MAKE) test-gpu
 
-# Networks on another device than the processor, which is OpenGL in software where there is no GPU. The build for CUDA is checked
-# without its tools. Afterwards $(RENDERFLOW) is a build for GPUs.
+# The types of the build for CUDA, without its tools: it cannot be linked without them.
+check-cuda:
+	DOCS_RS=1 $(CARGO) check --release -p renderflow-model --features cuda
+
+# Networks on another device than the processor, which is OpenGL in software where there is no GPU. Afterwards $(RENDERFLOW) is a build
+# for GPUs.
 test-gpu:
 	$(CARGO) test --release -p renderflow -p renderflow-model --features vulkan --test devices --test kernels --test fusion -- --nocapture
-	DOCS_RS=1 $(CARGO) check --release -p renderflow-model --features cuda
 
 # Time against error on every benchmark scene, small: minutes. docs/benchmarks.md has the other measurements.
 bench: oidn

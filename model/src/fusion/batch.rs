@@ -357,7 +357,7 @@ mod tests {
     fn augmentations_are_exact() {
         let record = record(16, 16, 3);
         let window = Window { x: 0, y: 0, width: 16, height: 16 };
-        let augmentation = Augmentation { mirror: true, primaries: [2, 0, 0], gains: [0.5, 2.0, 1.5] };
+        let augmentation = Augmentation { mirror: true, primaries: [2, 0, 0], gains: [0.5, 2.0, 4.0] };
         let selection = Selection::all(&record);
         let (plain, changed) =
             (Batch::of(&record, window, &selection, &Augmentation::NONE), Batch::of(&record, window, &selection, &augmentation));
