@@ -273,7 +273,8 @@ trained() { # NAME LIKE
 }
 # shellcheck disable=SC2046
 "$program" train $(train alone) --threads 1 -q >"$site/log/alone.log" 2>&1 || fail "training: $(tail -n 5 "$site/log/alone.log")"
-# disturb NAME PROCESSES VICTIM [options]: runs as they are, with one process of this name killed, and told to stop.
+# disturb NAME PROCESSES VICTIM LIKE [options of train slurm]: three runs that must have the weights of the run LIKE. The first is left
+# alone, in the second a process called VICTIM is killed, and the third is told to stop.
 disturb() {
     name=$1 processes=$2 victim=$3 like=$4
     shift 4
