@@ -278,7 +278,7 @@ fn instruction_sets_agree_bit_for_bit() {
 }
 
 /// With numbers that bf16 holds exactly, its products are those of f32; with others they are as far from them as rounding
-/// explains.
+/// explains. This holds for the matrix unit, if the processor has one, and for vectors.
 #[test]
 fn products_in_bf16_are_those_of_rounded_factors() {
     let _turn = alone();
@@ -292,17 +292,19 @@ fn products_in_bf16_are_those_of_rounded_factors() {
         cases.push(Case::Conv { batch: 2, height: 24, width: 24, inputs: 48, outputs: 64, kernel: 3, stride, silu: false });
     }
     let (mut differ, mut worst) = (0, 0.0_f32);
-    for case in &cases {
+    let choices = [Choice::Automatic, Choice::Avx512].into_iter().filter(|choice| force(*choice));
+    for (case, choice) in choices.flat_map(|choice| cases.iter().map(move |case| (case, choice))) {
         for coarse in [true, false] {
             COARSE.store(coarse, Ordering::Relaxed);
             let exact = coarse && !matches!(case, Case::Decode { .. } | Case::Conv { silu: true, .. });
+            force(choice);
             let (found, expected) = (run_by(Products::Bf16, *case), run(*case));
             differ += usize::from(found != expected);
             for (i, (found, expected)) in found.iter().zip(&expected).enumerate() {
                 let difference = difference(found, expected);
                 // Rounding errs by 2^-9 of each factor at most.
                 let bound = if exact { 1e-5 } else { 0.01 };
-                assert!(difference < bound, "{case:?}: result {i} differs by {difference:e}");
+                assert!(difference < bound, "{choice:?} {case:?}: result {i} differs by {difference:e}");
                 worst = worst.max(difference);
             }
         }
@@ -328,9 +330,12 @@ fn results_do_not_depend_on_the_number_of_threads() {
     ];
     let (one, more) = (with_threads(1), [3, 16].map(with_threads));
     for case in large.into_iter().chain(cases().into_iter().step_by(5)) {
-        let expected = one.install(|| run(case));
-        for pool in &more {
-            assert!(pool.install(|| run(case)) == expected, "{case:?} with {} threads", pool.current_num_threads());
+        for products in [Products::F32, Products::Bf16] {
+            let expected = one.install(|| run_by(products, case));
+            for pool in &more {
+                let found = pool.install(|| run_by(products, case));
+                assert!(found == expected, "{products:?} {case:?} with {} threads", pool.current_num_threads());
+            }
         }
     }
 }

@@ -74,13 +74,7 @@ fn u_direction(mesh: &Mesh, triangle: [u32; 3]) -> (Vec3, f32) {
 /// Own vertices for every triangle, with its geometric normal.
 fn unweld(mesh: &mut Mesh) {
     let order: Vec<usize> = mesh.triangles.iter().flatten().map(|&i| i as usize).collect();
-    mesh.positions = order.iter().map(|&i| mesh.positions[i]).collect();
-    for uvs in std::iter::once(&mut mesh.uvs).chain(&mut mesh.more_uvs).filter(|uvs| !uvs.is_empty()) {
-        *uvs = order.iter().map(|&i| uvs[i]).collect();
-    }
-    if let Some(deformation) = &mut mesh.deformation {
-        Arc::make_mut(deformation).reorder(&order);
-    }
+    take_vertices(mesh, &order);
     mesh.normals = mesh
         .positions
         .chunks_exact(3)
@@ -95,31 +89,84 @@ fn unweld(mesh: &mut Mesh) {
 /// Copies the vertices that mirrored triangles share with others, so that each vertex has one handedness.
 fn split_mirrored(mesh: &mut Mesh) {
     let mut seen = vec![0.0_f32; mesh.positions.len()];
+    let mut order: Vec<usize> = (0..mesh.positions.len()).collect();
     let mut copies = std::collections::HashMap::new();
     for t in 0..mesh.triangles.len() {
         let (_, sign) = u_direction(mesh, mesh.triangles[t]);
         if sign == 0.0 {
             continue;
         }
-        for k in 0..3 {
-            let vertex = mesh.triangles[t][k];
-            let first = &mut seen[vertex as usize];
+        for corner in &mut mesh.triangles[t] {
+            let vertex = *corner as usize;
+            let first = &mut seen[vertex];
             if *first == 0.0 {
                 *first = sign;
             } else if *first != sign {
-                mesh.triangles[t][k] = *copies.entry(vertex).or_insert_with(|| {
-                    let i = vertex as usize;
-                    mesh.positions.push(mesh.positions[i]);
-                    mesh.normals.push(mesh.normals[i]);
-                    for uvs in std::iter::once(&mut mesh.uvs).chain(&mut mesh.more_uvs).filter(|uvs| !uvs.is_empty()) {
-                        uvs.push(uvs[i]);
-                    }
-                    if let Some(deformation) = &mut mesh.deformation {
-                        Arc::make_mut(deformation).repeat(i);
-                    }
-                    (mesh.positions.len() - 1) as u32
+                *corner = *copies.entry(vertex).or_insert_with(|| {
+                    order.push(vertex);
+                    (order.len() - 1) as u32
                 });
             }
+        }
+    }
+    if order.len() > mesh.positions.len() {
+        take_vertices(mesh, &order);
+    }
+}
+
+/// Makes vertex `i` what vertex `order[i]` was.
+fn take_vertices(mesh: &mut Mesh, order: &[usize]) {
+    fn take<T: Copy>(values: &mut Vec<T>, order: &[usize]) {
+        if !values.is_empty() {
+            *values = order.iter().map(|&i| values[i]).collect();
+        }
+    }
+    take(&mut mesh.positions, order);
+    take(&mut mesh.normals, order);
+    take(&mut mesh.uvs, order);
+    mesh.more_uvs.iter_mut().for_each(|uvs| take(uvs, order));
+    take(&mut mesh.colors, order);
+    if let Some(deformation) = &mut mesh.deformation {
+        Arc::make_mut(deformation).reorder(order);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec2;
+
+    /// Two triangles with a common edge. The coordinates of the second one are mirrored.
+    fn mirrored() -> Mesh {
+        let places = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
+        Mesh {
+            positions: places.map(|(x, y)| Vec3::new(x, y, 0.0)).to_vec(),
+            uvs: [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, 0.0)].map(Vec2::from).to_vec(),
+            more_uvs: vec![places.map(Vec2::from).to_vec()],
+            colors: [0.1, 0.2, 0.3, 0.4].map(|v| Vec4::splat(v)).to_vec(),
+            triangles: vec![[0, 1, 2], [1, 3, 2]],
+            ..Mesh::default()
+        }
+    }
+
+    /// Whether vertices are copied because of mirrored coordinates or because each triangle needs a normal of its own, a copy has
+    /// the attributes of the vertex that it comes from.
+    #[test]
+    fn copied_vertices_keep_their_attributes() {
+        let original = mirrored();
+        for (normals, vertices) in [(vec![Vec3::Z; 4], 6), (vec![], 6)] {
+            let mut mesh = Mesh { normals, ..original.clone() };
+            assert!(generate(&mut mesh));
+            assert_eq!([mesh.positions.len(), mesh.normals.len(), mesh.tangents.len()], [vertices; 3]);
+            for (before, after) in original.triangles.iter().flatten().zip(mesh.triangles.iter().flatten()) {
+                let (before, after) = (*before as usize, *after as usize);
+                assert_eq!(mesh.positions[after], original.positions[before]);
+                assert_eq!(mesh.uvs[after], original.uvs[before]);
+                assert_eq!(mesh.more_uvs[0][after], original.more_uvs[0][before]);
+                assert_eq!(mesh.colors[after], original.colors[before]);
+            }
+            let handed = mesh.triangles.iter().map(|t| t.map(|v| mesh.tangents[v as usize].w)).collect::<Vec<_>>();
+            assert!(handed[0].iter().all(|w| *w == handed[0][0]) && handed[1].iter().all(|w| *w == -handed[0][0]));
         }
     }
 }

@@ -36,13 +36,15 @@ pub(super) use with_tile;
 /// even.
 macro_rules! with_tile_for {
     ($convolution:ident, $products:expr, $tile:ident => $call:expr) => {{
+        let paired = $products == Products::Bf16 && $convolution.fits(2);
         #[cfg(target_arch = "x86_64")]
-        let paired = super::bf16().filter(|_| $products == Products::Bf16 && $convolution.fits(2));
+        let (matrices, vectors) = (super::amx().filter(|_| paired), super::bf16().filter(|_| paired));
         #[cfg(not(target_arch = "x86_64"))]
-        let paired: Option<super::tile::Scalar> = None;
-        match paired {
-            Some($tile) => $call,
-            None => with_tile!($tile => $call),
+        let (matrices, vectors): (Option<super::tile::Scalar>, Option<super::tile::Scalar>) = (None, None);
+        match (matrices, vectors) {
+            (Some($tile), _) => $call,
+            (None, Some($tile)) => $call,
+            (None, None) => with_tile!($tile => $call),
         }
     }};
 }

@@ -124,7 +124,7 @@ struct PackedTerm {
 }
 
 /// Weights of the output pixels with one pair of lattice remainders, `[block][term][channel][block width]`, with zeros after the
-/// last output.
+/// last output and up to a multiple of [`Tile::DEPTH`] channels.
 struct Packed {
     terms: Vec<PackedTerm>,
     block: usize,
@@ -139,7 +139,7 @@ fn pack<T: Tile>(sources: &[Source], weights: Weights, outputs: usize, wide: usi
                 terms.push(PackedTerm { source: index, dy, dx, start: block });
                 let list: Vec<usize> = rows.iter().flat_map(|r| columns.iter().map(move |c| r * weights.kernel + c)).collect();
                 summed.push(list);
-                block += source.size.channels * wide;
+                block += source.size.channels.next_multiple_of(T::DEPTH) * wide;
             }
         }
     }
@@ -286,7 +286,7 @@ pub fn gather<T: Tile>(
                     let k = source.size.channels;
                     let (memory, a_row) =
                         if piece.copied { (&plan.edges[..], k) } else { (source.values, source.lattice.step * k) };
-                    let b = &weights[at * length + term.start..][..k * wide];
+                    let b = &weights[at * length + term.start..][..k.next_multiple_of(T::DEPTH) * wide];
                     Term { a: &memory[piece.start..], a_row, a_step: 1, b, b_step: wide, k }
                 }));
                 let out = Output { values: &mut values[block.pixel * n + at * wide..], row: spread * n, columns };

@@ -97,13 +97,29 @@ pub fn weights<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, i
         let (chunk, (py, px, dy, dx, _)) = (i / taps.len(), &taps[i % taps.len()]);
         let rows = chunk * lattice_rows / chunks..(chunk + 1) * lattice_rows / chunks;
         let tap = Tap { py: *py, px: *px, dy: *dy, dx: *dx };
-        let (values, gradient, steps, segments) = match &pairs {
-            Some(pairs) => (pairs.x(*dx), &pairs.gradient[*px][..], [1, 1], pairs.list_segments(source, out, wide, rows, tap)),
-            None => (source.values, gradient, [source.lattice.step, spread], list_segments(source, out, wide, rows, tap)),
+        let segments = match &pairs {
+            Some(pairs) => pairs.list_segments(source, out, wide, rows, tap),
+            None => list_segments(source, out, wide, rows, tap),
         };
-        let steps = [steps[0] * channels, steps[1] * wide];
+        let pixels = match &pairs {
+            Some(pairs) => PixelSum {
+                values: pairs.x(*dx),
+                gradient: &pairs.gradient[*px],
+                channel: pairs.steps[0],
+                pixel: pairs.steps[1],
+                gradient_pixel: wide,
+                segments: &segments,
+            },
+            None => PixelSum {
+                values: source.values,
+                gradient,
+                channel: 1,
+                pixel: source.lattice.step * channels,
+                gradient_pixel: spread * wide,
+                segments: &segments,
+            },
+        };
         sums.par_chunks_mut(CHANNELS * wide).enumerate().for_each(|(block, sums)| {
-            let pixels = PixelSum { values, gradient, steps, segments: &segments };
             accumulate(tile, &pixels, block * CHANNELS, wide, sums);
         });
     });
@@ -165,7 +181,10 @@ fn list_segments(
 struct Pairs {
     /// Cells of a row.
     columns: usize,
-    /// For each offset of columns, `[pictures, rows, cells, channels]` of the source.
+    /// Distance in `x` from one channel to the next, and from one cell to the next.
+    steps: [usize; 2],
+    /// For each offset of columns, `[pictures, rows, cells, channels]` of the source, or `[pictures, rows, channels, cells]` for
+    /// a tile that multiplies several cells together.
     x: Vec<(isize, Vec<f32>)>,
     /// For each remainder of columns, `[pictures, rows, cells, wide]` of the gradient.
     gradient: Vec<Vec<f32>>,
@@ -174,7 +193,7 @@ struct Pairs {
 impl Pairs {
     fn new<T: Tile>(tile: T, source: &Source, gradient: &[f32], out: Size, wide: usize) -> Self {
         let (spread, step, size) = (source.lattice.spread, source.lattice.step, source.size);
-        let columns = out.width.div_ceil(spread).div_ceil(2);
+        let columns = out.width.div_ceil(spread).div_ceil(2).next_multiple_of(T::DEPTH);
         // Pixel `place` of a row of `width`, or zeros beyond its ends.
         let none = vec![0.0; size.channels.max(wide)];
         let cells = |values: &[f32], width: usize, channels: usize, place: &(dyn Fn(usize) -> isize + Sync)| {
@@ -201,10 +220,16 @@ impl Pairs {
         offsets.dedup();
         let of_offset = |dx: isize| {
             let place = move |column: usize| (column * step) as isize + dx;
-            (dx, cells(source.values, size.width, size.channels, &place))
+            let x = cells(source.values, size.width, size.channels, &place);
+            (dx, if T::DEPTH > 1 { transposed(&x, columns, size.channels) } else { x })
         };
         let of_remainder = |px: usize| cells(gradient, out.width, wide, &move |column: usize| (column * spread + px) as isize);
-        Self { columns, x: offsets.into_iter().map(of_offset).collect(), gradient: (0..spread).map(of_remainder).collect() }
+        Self {
+            columns,
+            steps: if T::DEPTH > 1 { [columns, 1] } else { [1, size.channels] },
+            x: offsets.into_iter().map(of_offset).collect(),
+            gradient: (0..spread).map(of_remainder).collect(),
+        }
     }
 
     /// Cells of the source under the taps of offset `dx`.
@@ -224,7 +249,8 @@ impl Pairs {
                 continue;
             }
             for c in (0..self.columns).step_by(PIXELS) {
-                let a = ((picture * source.size.height + sy as usize) * self.columns + c) * source.size.channels;
+                let line = picture * source.size.height + sy as usize;
+                let a = line * self.columns * source.size.channels + c * self.steps[1];
                 let b = ((picture * out.height + y) * self.columns + c) * wide;
                 segments.push(Segment { a, b, pixels: PIXELS.min(self.columns - c) });
             }
@@ -233,18 +259,40 @@ impl Pairs {
     }
 }
 
+/// Each picture row of `[rows, cells, channels]` as `[channels, cells]`.
+fn transposed(x: &[f32], cells: usize, channels: usize) -> Vec<f32> {
+    buffer::fill(
+        x.len(),
+        cells * channels,
+        || (),
+        |(), row, values| {
+            let row = &x[row * cells * channels..][..cells * channels];
+            for (channel, values) in values.chunks_exact_mut(cells).enumerate() {
+                for (value, cell) in values.iter_mut().zip(row.chunks_exact(channels)) {
+                    *value = cell[channel];
+                }
+            }
+        },
+    )
+}
+
 /// A sum of products over pixels, or over cells of pixels.
+#[derive(Clone, Copy)]
 struct PixelSum<'a> {
     values: &'a [f32],
     gradient: &'a [f32],
-    /// Floats from one pixel to the next in `values` and in `gradient`.
-    steps: [usize; 2],
+    /// Distance in `values` from one channel to the next.
+    channel: usize,
+    /// Distance in `values` from one pixel to the next.
+    pixel: usize,
+    /// Distance in `gradient` from one pixel to the next.
+    gradient_pixel: usize,
     segments: &'a [Segment],
 }
 
 /// Adds the products of values and gradient to `sums` `[channels, wide]`, whose first row is channel `first`.
 fn accumulate<T: Tile>(tile: T, pixels: &PixelSum, first: usize, wide: usize, sums: &mut [f32]) {
-    let PixelSum { values, gradient, steps: [step, b_step], segments } = *pixels;
+    let PixelSum { values, gradient, channel, pixel, gradient_pixel, segments } = *pixels;
     let channels = sums.len() / wide;
     let mut terms: Vec<Term> = Vec::with_capacity(PIXELS);
     let mut rest = segments;
@@ -258,11 +306,11 @@ fn accumulate<T: Tile>(tile: T, pixels: &PixelSum, first: usize, wide: usize, su
             for c in (0..channels).step_by(T::ROWS) {
                 terms.clear();
                 terms.extend(group.iter().map(|s| Term {
-                    a: &values[s.a + first + c..],
-                    a_row: 1,
-                    a_step: step,
+                    a: &values[s.a + (first + c) * channel..],
+                    a_row: channel,
+                    a_step: pixel,
                     b: &gradient[s.b + n..],
-                    b_step,
+                    b_step: gradient_pixel,
                     k: s.pixels,
                 }));
                 let out = Output { values: &mut sums[c * wide + n..], row: wide, columns };

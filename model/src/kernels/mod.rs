@@ -8,7 +8,7 @@
 //! [`crate::ops`] chooses between the kernels and [`portable`], which composes burn's own operations for every other device and
 //! element type.
 //!
-//! A fourth implementation, AVX-512 BF16, multiplies pairs of factors that are rounded to bf16 ([`options::Products`]). Its bits
+//! Two more implementations, AVX-512 BF16 and AMX, multiply factors that are rounded to bf16 ([`options::Products`]). Their bits
 //! differ.
 //!
 //! Each call packs the weights to `[outputs / block][tap][inputs][block]`, with a block of two vectors. The gradient of the input
@@ -19,6 +19,8 @@
 pub mod options;
 pub mod portable;
 
+#[cfg(target_arch = "x86_64")]
+mod amx;
 mod attention;
 mod buffer;
 mod convolve;
@@ -64,7 +66,7 @@ pub enum Choice {
     Scalar,
     /// AVX2 with fused multiply-add.
     Avx2,
-    /// AVX-512.
+    /// AVX-512, without AMX.
     Avx512,
 }
 
@@ -115,6 +117,14 @@ fn bf16() -> Option<x86::Avx512Bf16> {
     static FOUND: std::sync::OnceLock<Option<x86::Avx512Bf16>> = std::sync::OnceLock::new();
     let wanted = matches!(Kernel::active(), Some(Kernel::Avx512(_)));
     (*FOUND.get_or_init(x86::Avx512Bf16::detect)).filter(|_| wanted)
+}
+
+/// The tile of the matrix unit, likewise.
+#[cfg(target_arch = "x86_64")]
+fn amx() -> Option<amx::AmxBf16> {
+    static FOUND: std::sync::OnceLock<Option<amx::AmxBf16>> = std::sync::OnceLock::new();
+    let wanted = FORCED.load(Ordering::Relaxed) == Choice::Automatic as u8;
+    (*FOUND.get_or_init(amx::AmxBf16::detect)).filter(|_| wanted)
 }
 
 #[cfg(target_arch = "x86_64")]

@@ -36,7 +36,7 @@ pub enum Products {
     #[default]
     F32,
     /// Factors are rounded to bf16 (8 bits of mantissa) and products are summed in f32, forwards and backwards. On the
-    /// processor, this needs AVX-512 BF16 and even numbers of channels. A GPU that computes in bf16 rounds the sums too.
-    /// Elsewhere, it is the same as [`Self::F32`].
+    /// processor, this needs AVX-512 BF16 and even numbers of channels, and AMX is used where it is there. A GPU that computes in
+    /// bf16 rounds the sums too. Elsewhere, it is the same as [`Self::F32`].
     Bf16,
 }

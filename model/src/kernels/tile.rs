@@ -79,6 +79,9 @@ pub trait Tile: Copy + Send + Sync {
     /// are summed.
     const FACTORS: usize = 1;
 
+    /// Cells that are multiplied together. Terms have `a_step` 1 if it is more than 1, and zeros in `b` up to a multiple of it.
+    const DEPTH: usize = 1;
+
     /// The cell of the factors `at(0)..at(FACTORS)`.
     fn cell(at: impl Fn(usize) -> f32) -> f32 {
         at(0)

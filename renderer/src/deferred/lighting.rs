@@ -1,6 +1,7 @@
 //! The light of a sequence as deferred shading uses it: dominant lights and the rest of the environment.
 
 use super::lamps::LampView;
+use super::pass::mirrors;
 use super::shadow_map::ShadowMap;
 use super::sky::{SkyCell, coarse, sky_cells};
 use glam::Quat;
@@ -41,13 +42,11 @@ pub struct Shadows {
 
 impl Lighting {
     /// Takes up to `most` lights out of the environment ([`renderflow_frame::Environment::split_lights`]) and prefilters the
-    /// whole and the rest, which takes about 0.1 s each on four cores.
+    /// rest.
     pub fn new(whole: impl Into<Arc<Light>>, most: usize) -> Self {
         let whole = whole.into();
         let (lights, without) = whole.environment.split_lights(most);
         let rest = (!lights.is_empty()).then(|| IblTables::new(&without));
-        // Made here once, not by every thread that first shades a pixel.
-        whole.tables();
         let coarse = coarse(&without);
         Self { whole, lights, rest, sky: sky_cells(&coarse), coarse }
     }
@@ -73,6 +72,11 @@ impl Lighting {
 
     /// The split-sum picture of the rest before the whole environment.
     pub(super) fn shade(&self, frame: &Frame) -> Shading {
-        ibl::shade_surfaces(&frame.info.camera, ibl::surfaces(frame, &self.whole.environment), self.rest())
+        let surfaces = ibl::surfaces(frame, &self.whole.environment);
+        if !self.lights.is_empty() && mirrors(&surfaces) {
+            // Made here once, not by every thread that first shades a pixel.
+            self.whole.tables();
+        }
+        ibl::shade_surfaces(&frame.info.camera, surfaces, self.rest())
     }
 }

@@ -17,6 +17,12 @@ const CONE: f32 = 1.0;
 /// Share of the blocked sky's light that the occluders send instead, where indirect light is off.
 const BOUNCED: f32 = 0.3;
 
+/// Whether a surface is so smooth that it mirrors the lights in their true shape.
+pub fn mirrors(surfaces: &Surfaces) -> bool {
+    let mut seen = surfaces.material.pixels.iter().zip(&surfaces.alpha.pixels).filter(|(_, alpha)| **alpha > 0.0);
+    seen.any(|([roughness, ..], _)| *roughness < MIRROR[1])
+}
+
 /// Inputs that all pixels share.
 pub struct Pass<'a> {
     pub camera: &'a Camera,

@@ -210,11 +210,6 @@ impl Deformation {
         self.rows = order.iter().map(|&old| self.rows[old]).collect();
     }
 
-    /// One more vertex, a copy of number `vertex`.
-    pub(crate) fn repeat(&mut self, vertex: usize) {
-        self.rows.push(self.rows[vertex]);
-    }
-
     /// Sum of `part` of the displacements of a vertex, times their weights.
     fn displaced(&self, vertex: usize, frame: usize, part: impl Fn(&Displacement) -> Vec3) -> Vec3 {
         let list = self.shape.displacements.of(self.rows[vertex] as usize);

@@ -7,7 +7,7 @@
 
 use crate::environment::Environment;
 use crate::image::{Image, Rgb};
-use glam::{Vec2, Vec3A};
+use glam::{Vec2, Vec3A, Vec4};
 use rayon::prelude::*;
 use std::f32::consts::PI;
 
@@ -17,9 +17,9 @@ const FINEST_WIDTH: usize = 512;
 const LAYERS: usize = 8;
 /// Largest size of a cell as a share of its distance from the axis (or of the lobe's width, if that is more).
 const OPENING: f32 = 0.25;
-/// A block of output texels shares one list of cells.
-const BLOCK: usize = 4;
-const LANES: usize = BLOCK * BLOCK;
+/// Columns and rows of a block of output texels, which share one list of cells.
+const BLOCK: [usize; 2] = [8, 4];
+const LANES: usize = BLOCK[0] * BLOCK[1];
 
 /// The lobe about an axis a, as a function of c = a.w.
 #[derive(Clone, Copy, Debug)]
@@ -42,14 +42,29 @@ struct Cell {
     /// Unit mean direction of the area.
     centre: Vec3A,
     solid_angle: f32,
-    /// Longer side in radians: cells are as high as they are wide at the equator.
-    size: f32,
+}
+
+/// The mean directions of 2 x 2 cells: those of each row from left to right.
+struct Quad {
+    x: Vec4,
+    y: Vec4,
+    z: Vec4,
+}
+
+/// What decides about the cells of a layer, by the cosine between their direction and the middle of a block's axes.
+struct Limits {
+    /// Cells below it are below every horizon of the block.
+    horizon: f32,
+    /// Cells above it are too large for their distance. No cell of the finest layer is.
+    near: f32,
 }
 
 /// Cells of one environment in map space (rotation and intensity left to the tables made from it).
 pub struct Pyramid {
     /// `layers[l]` is row-major, `FINEST_WIDTH >> l` wide and half as high.
     layers: Vec<Vec<Cell>>,
+    /// The directions of `layers[l]`, row-major, half as wide and high.
+    quads: Vec<Vec<Quad>>,
 }
 
 impl Pyramid {
@@ -85,7 +100,7 @@ impl Pyramid {
                 let centre = grid.texel_direction(x, y);
                 let moment = moments.as_ref().and_then(|m| Vec3A::from_array(m.map.pixels[i]).try_normalize());
                 let energy = Vec3A::from_array(radiance) * solid_angle;
-                Cell { energy, source: moment.unwrap_or(centre), centre, solid_angle, size: 2.0 * PI / width as f32 }
+                Cell { energy, source: moment.unwrap_or(centre), centre, solid_angle }
             })
             .collect();
         let mut layers = vec![finest];
@@ -96,43 +111,29 @@ impl Pyramid {
                 .map(|i| {
                     let (x, y) = (i % width, i / width);
                     let first = 2 * y * 2 * width + 2 * x;
-                    merge(
-                        [fine[first], fine[first + 1], fine[first + 2 * width], fine[first + 2 * width + 1]],
-                        2.0 * PI / width as f32,
-                    )
+                    merge([fine[first], fine[first + 1], fine[first + 2 * width], fine[first + 2 * width + 1]])
                 })
                 .collect();
             layers.push(coarse);
         }
-        Self { layers }
+        let quads = layers.iter().enumerate().map(|(layer, cells)| quads(cells, FINEST_WIDTH >> layer)).collect();
+        Self { layers, quads }
     }
 
-    /// The environment convolved with the normalised `kernel`, as a map of `width x height` (multiples of 4).
+    /// The environment convolved with the normalised `kernel`, as a map of `width x height` (multiples of 8 and 4).
     pub fn convolve(&self, kernel: Kernel, width: usize, height: usize) -> Rgb {
         let grid = Environment { map: Rgb::filled(width, height, [0.0; 3]), rotation: 0.0, intensity: 1.0 };
         let mut pixels = vec![[0.0; 3]; width * height];
-        pixels.par_chunks_mut(width * BLOCK).enumerate().for_each(|(block_row, rows)| {
+        pixels.par_chunks_mut(width * BLOCK[1]).enumerate().for_each(|(block_row, rows)| {
             let mut lists = Lists::default();
-            for block_column in 0..width / BLOCK {
+            for block_column in 0..width / BLOCK[0] {
                 let axes: [Vec3A; LANES] = std::array::from_fn(|lane| {
-                    grid.texel_direction(block_column * BLOCK + lane % BLOCK, block_row * BLOCK + lane / BLOCK)
+                    grid.texel_direction(block_column * BLOCK[0] + lane % BLOCK[0], block_row * BLOCK[1] + lane / BLOCK[0])
                 });
                 self.collect(kernel, &axes, &mut lists);
-                let values = match kernel {
-                    Kernel::Cosine => lists.sum(&axes, |c| c.max(0.0)),
-                    Kernel::Ggx { alpha } => {
-                        // 1 - (n.h)^2 (1 - alpha^2) with (n.h)^2 = (1 + c) / 2, written in 1 - c to keep its digits at the peak.
-                        let (a2, slope) = (alpha * alpha, 0.5 * (1.0 - alpha * alpha));
-                        lists.sum(&axes, move |c| {
-                            let base = a2 + slope * (1.0 - c);
-                            // Scaled to 1 at the peak; the scale cancels against the norm.
-                            let d = a2 / base;
-                            d * d * c.max(0.0)
-                        })
-                    }
-                };
+                let values = pulp::Arch::new().dispatch(Sum { lists: &lists, axes: &axes, kernel });
                 for (lane, value) in values.into_iter().enumerate() {
-                    rows[lane / BLOCK * width + block_column * BLOCK + lane % BLOCK] = value;
+                    rows[lane / BLOCK[0] * width + block_column * BLOCK[0] + lane % BLOCK[0]] = value;
                 }
             }
         });
@@ -145,36 +146,65 @@ impl Pyramid {
         lists.whole.clear();
         let middle = axes.iter().sum::<Vec3A>().normalize();
         let block_radius = axes.iter().map(|axis| axis.distance(middle)).fold(0.0, f32::max);
-        // A lobe falls to a quarter of its peak 2 alpha from the axis; broad lobes need the horizon resolved instead.
-        let (lobe, largest) = match kernel {
-            Kernel::Cosine => (1.0, 0.1),
-            Kernel::Ggx { alpha } => (2.0 * alpha, if alpha < 0.25 { 0.25 } else { 0.1 }),
-        };
+        let [x, y, z] = middle.to_array().map(Vec4::splat);
+        let limits: [Limits; LAYERS] = std::array::from_fn(|layer| Limits::new(kernel, layer, block_radius));
         let coarsest = LAYERS - 1;
-        let mut stack: Vec<(usize, usize, usize)> = (0..self.layers[coarsest].len())
-            .map(|i| (coarsest, i % (FINEST_WIDTH >> coarsest), i / (FINEST_WIDTH >> coarsest)))
-            .collect();
-        while let Some((layer, x, y)) = stack.pop() {
-            let width = FINEST_WIDTH >> layer;
-            let cell = &self.layers[layer][y * width + x];
-            let reach = block_radius + 0.75 * cell.size;
-            // Below every horizon of the block.
-            if cell.centre.dot(middle) < -reach {
-                continue;
-            }
-            let distance = (cell.centre.distance(middle) - reach).max(0.0);
-            if layer > 0 && cell.size > (OPENING * (lobe * lobe + distance * distance).sqrt()).min(largest) {
-                stack.extend([(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| (layer - 1, 2 * x + dx, 2 * y + dy)));
-            } else if cell.source == cell.centre {
-                lists.whole.push(*cell);
-            } else {
-                lists.split.push(*cell);
+        let Lists { stack, whole, split } = lists;
+        stack.extend((0..self.quads[coarsest].len()).map(|i| (coarsest, i, 0)));
+        while let Some((layer, column, row)) = stack.pop() {
+            let (width, limits) = (FINEST_WIDTH >> layer, &limits[layer]);
+            let quad = &self.quads[layer][row * (width / 2) + column];
+            let cosines = quad.x * x + quad.y * y + quad.z * z;
+            let above = cosines.cmpge(Vec4::splat(limits.horizon)).bitmask();
+            let near = cosines.cmpgt(Vec4::splat(limits.near)).bitmask();
+            for (bit, (dx, dy)) in [(0, 0), (1, 0), (0, 1), (1, 1)].into_iter().enumerate() {
+                if above & 1 << bit == 0 {
+                    continue;
+                }
+                let (x, y) = (2 * column + dx, 2 * row + dy);
+                if near & 1 << bit != 0 {
+                    stack.push((layer - 1, x, y));
+                    continue;
+                }
+                let cell = &self.layers[layer][y * width + x];
+                let list = if cell.source == cell.centre { &mut *whole } else { &mut *split };
+                list.push(*cell);
             }
         }
     }
 }
 
-fn merge(children: [Cell; 4], size: f32) -> Cell {
+impl Limits {
+    fn new(kernel: Kernel, layer: usize, block_radius: f32) -> Self {
+        // A lobe falls to a quarter of its peak 2 alpha from the axis; broad lobes need the horizon resolved instead.
+        let (lobe, largest) = match kernel {
+            Kernel::Cosine => (1.0, 0.1),
+            Kernel::Ggx { alpha } => (2.0 * alpha, if alpha < 0.25 { 0.25 } else { 0.1 }),
+        };
+        let size = cell_size(layer);
+        let reach = block_radius + 0.75 * size;
+        // The distance d at which the size is OPENING sqrt(lobe^2 + d^2).
+        let opened = (size / OPENING).powi(2) - lobe * lobe;
+        let near = if layer == 0 {
+            f32::INFINITY
+        } else if size > largest {
+            f32::NEG_INFINITY
+        } else if opened > 0.0 {
+            // Chords of unit vectors: their squared length is 2 - 2 cos.
+            1.0 - 0.5 * (opened.sqrt() + reach).powi(2)
+        } else {
+            f32::INFINITY
+        };
+        Self { horizon: -reach, near }
+    }
+}
+
+/// Longer side of the cells of a layer in radians.
+fn cell_size(layer: usize) -> f32 {
+    2.0 * PI / (FINEST_WIDTH >> layer) as f32
+}
+
+fn merge(children: [Cell; 4]) -> Cell {
     let energy: Vec3A = children.iter().map(|c| c.energy).sum();
     let solid_angle: f32 = children.iter().map(|c| c.solid_angle).sum();
     let weighted = |weight: fn(&Cell) -> f32, direction: fn(&Cell) -> Vec3A| {
@@ -182,7 +212,20 @@ fn merge(children: [Cell; 4], size: f32) -> Cell {
     };
     let centre = weighted(|c| c.solid_angle, |c| c.centre).unwrap_or(children[0].centre);
     let source = weighted(|c| c.energy.element_sum(), |c| c.source).unwrap_or(centre);
-    Cell { energy, source, centre, solid_angle, size }
+    Cell { energy, source, centre, solid_angle }
+}
+
+/// The directions of the `cells` of a layer that is `width` cells wide.
+fn quads(cells: &[Cell], width: usize) -> Vec<Quad> {
+    let rows = cells.chunks_exact(2 * width);
+    let quads = rows.flat_map(|rows| {
+        (0..width / 2).map(move |column| {
+            let four = [0, 1, width, width + 1].map(|i| rows[2 * column + i].centre);
+            let of = |c: usize| Vec4::from_array(four.map(|centre| centre[c]));
+            Quad { x: of(0), y: of(1), z: of(2) }
+        })
+    });
+    quads.collect()
 }
 
 /// Cells of one block's lobes: those with one direction, and those whose energy and area have directions of their own.
@@ -190,31 +233,61 @@ fn merge(children: [Cell; 4], size: f32) -> Cell {
 struct Lists {
     whole: Vec<Cell>,
     split: Vec<Cell>,
+    /// Layer, column and row of quads that are still to be looked at.
+    stack: Vec<(usize, usize, usize)>,
+}
+
+/// [`Lists::sum`], compiled for several kinds of processors. No operation is fused, so all of them find the same bits.
+struct Sum<'a> {
+    lists: &'a Lists,
+    axes: &'a [Vec3A; LANES],
+    kernel: Kernel,
+}
+
+impl pulp::NullaryFnOnce for Sum<'_> {
+    type Output = [[f32; 3]; LANES];
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        match self.kernel {
+            Kernel::Cosine => self.lists.sum(self.axes, |c| c.max(0.0)),
+            Kernel::Ggx { alpha } => {
+                // 1 - (n.h)^2 (1 - alpha^2) with (n.h)^2 = (1 + c) / 2, written in 1 - c to keep its digits at the peak.
+                let (a2, slope) = (alpha * alpha, 0.5 * (1.0 - alpha * alpha));
+                self.lists.sum(self.axes, |c| {
+                    let base = a2 + slope * (1.0 - c);
+                    // Scaled to 1 at the peak; the scale cancels against the norm.
+                    let d = a2 / base;
+                    d * d * c.max(0.0)
+                })
+            }
+        }
+    }
 }
 
 impl Lists {
     /// Weighted mean radiance about each axis. Loops run over lanes innermost so that they vectorise.
+    #[inline(always)]
     fn sum(&self, axes: &[Vec3A; LANES], kernel: impl Fn(f32) -> f32) -> [[f32; 3]; LANES] {
         let (x, y, z) = (axes.map(|a| a.x), axes.map(|a| a.y), axes.map(|a| a.z));
-        let weigh = |d: Vec3A| -> [f32; LANES] { std::array::from_fn(|i| kernel(x[i] * d.x + y[i] * d.y + z[i] * d.z)) };
+        let weigh = |d: Vec3A, i: usize| kernel(x[i] * d.x + y[i] * d.y + z[i] * d.z);
         let mut sums = [[0.0_f32; LANES]; 4];
         for cell in &self.whole {
-            let weights = weigh(cell.centre);
-            for (sum, factor) in sums.iter_mut().zip([cell.energy.x, cell.energy.y, cell.energy.z, cell.solid_angle]) {
-                for i in 0..LANES {
-                    sum[i] += weights[i] * factor;
-                }
+            for i in 0..LANES {
+                let weight = weigh(cell.centre, i);
+                sums[0][i] += weight * cell.energy.x;
+                sums[1][i] += weight * cell.energy.y;
+                sums[2][i] += weight * cell.energy.z;
+                sums[3][i] += weight * cell.solid_angle;
             }
         }
         for cell in &self.split {
-            let (energy_weights, area_weights) = (weigh(cell.source), weigh(cell.centre));
-            for (sum, factor) in sums.iter_mut().zip([cell.energy.x, cell.energy.y, cell.energy.z]) {
-                for i in 0..LANES {
-                    sum[i] += energy_weights[i] * factor;
-                }
-            }
             for i in 0..LANES {
-                sums[3][i] += area_weights[i] * cell.solid_angle;
+                let weight = weigh(cell.source, i);
+                sums[0][i] += weight * cell.energy.x;
+                sums[1][i] += weight * cell.energy.y;
+                sums[2][i] += weight * cell.energy.z;
+                sums[3][i] += weigh(cell.centre, i) * cell.solid_angle;
             }
         }
         // The axis itself lies in the lobe, so the norm is positive.
