@@ -1,14 +1,16 @@
 //! Times training steps and inference of the network that reads samples, with the shares of the head and of the batches, which
-//! are made beside the steps: `cargo run --release -p renderflow-bench --example fusion_time`.
+//! are made beside the steps: `cargo run --release -p renderflow-bench --example fusion_time`. Of the two times in bf16, the first
+//! is without the matrix unit.
 
 use burn::tensor::Device;
 use rand::RngExt;
 use renderflow_model::data::step_rng;
 use renderflow_model::fusion::batch::{Batch, TIERS};
 use renderflow_model::fusion::loss::{LossWeights, loss};
-use renderflow_model::fusion::record::{NEIGHBOURS, PARTS, Record, Selection, at};
+use renderflow_model::fusion::record::{NEIGHBOURS, PARTS, PICTURES, Record, Selection, at};
 use renderflow_model::fusion::training::FusionObjective;
 use renderflow_model::fusion::{Fusion, FusionConfig, FusionNet, head};
+use renderflow_model::kernels::{Choice, force};
 use renderflow_model::ops::Products;
 use renderflow_model::parameters;
 use renderflow_model::train::optimizer::Optimizer;
@@ -19,6 +21,9 @@ use std::time::Instant;
 
 const CROP: usize = 96;
 const ITEMS: usize = 8;
+/// Ways to multiply: in f32, in bf16 by vectors, and in bf16 by the matrix unit if the processor has one.
+const WAYS: [(Products, Choice); 3] =
+    [(Products::F32, Choice::Automatic), (Products::Bf16, Choice::Avx512), (Products::Bf16, Choice::Automatic)];
 
 fn main() {
     let config = FusionConfig::default();
@@ -35,7 +40,8 @@ fn main() {
         let batch = median(|| drop(drawn()));
         let one = drawn();
         let head = median(|| head_alone(&one));
-        let [step, paired] = [Products::F32, Products::Bf16].map(|products| {
+        let [step, vectors, matrices] = WAYS.map(|(products, choice)| {
+            force(choice);
             let mut batches: Vec<Batch> = (0..9).map(|_| drawn()).collect();
             let objective = FusionObjective { products, ..FusionObjective::default() };
             median(|| {
@@ -44,7 +50,8 @@ fn main() {
             })
         });
         println!(
-            "{}, {ITEMS} crops of {CROP}: batch {batch:.0} ms, step {step:.0} ms ({paired:.0} in bf16), head {head:.0} ms",
+            "{}, {ITEMS} crops of {CROP}: batch {batch:.0} ms, step {step:.0} ms, in bf16 {vectors:.0} and {matrices:.0}, \
+                head {head:.0} ms",
             tier.name
         );
     }
@@ -59,11 +66,12 @@ fn main() {
         let record = record(size);
         for tier in TIERS {
             let selection = Selection { groups: tier.groups, ..Selection::all(&record) };
-            let [seconds, paired] = [Products::F32, Products::Bf16].map(|products| {
+            let [seconds, vectors, matrices] = WAYS.map(|(products, choice)| {
+                force(choice);
                 let network = network.clone().with_products(products);
                 median(|| drop(network.draw(&record, &selection)))
             });
-            println!("{size} x {size}, {}: {seconds:.0} ms, {paired:.0} in bf16", tier.name);
+            println!("{size} x {size}, {}: {seconds:.0} ms, in bf16 {vectors:.0} and {matrices:.0}", tier.name);
         }
     }
 }
@@ -100,6 +108,6 @@ fn record(size: usize) -> Record<f32> {
     record.pixels.chunks_exact_mut(at::COUNT).for_each(|stored| stored[at::ALPHA] = 1.0);
     record.deferred = true;
     record.distances = [Some(-8.0), Some(8.0)];
-    (record.parts, record.neighbours) = ([2; PARTS], [2; NEIGHBOURS]);
+    (record.parts, record.neighbours, record.denoised) = ([2; PARTS], [2; NEIGHBOURS], [true; PICTURES]);
     record
 }
