@@ -1,5 +1,5 @@
-//! The inner product in AMX: the matrix unit of Intel's server processors since 2023 multiplies 16 x 32 by 32 x 16 factors in bf16
-//! with one instruction.
+//! The inner product in AMX: the matrix unit of Intel's server processors since 2023 multiplies 16 x 32 by 32 x 16 factors in
+//! bf16 with one instruction.
 //!
 //! Rust has no stable intrinsics for AMX, so that the instructions are written as assembly. Rust code never keeps a value in the
 //! registers of the matrix unit, and so nothing has to be said about them. Linux grants a process the use of these registers when

@@ -1,6 +1,6 @@
 //! Times training steps and inference of the network that reads samples, with the shares of the head and of the batches, which
-//! are made beside the steps: `cargo run --release -p renderflow-bench --example fusion_time`. Of the two times in bf16, the first
-//! is without the matrix unit.
+//! are made beside the steps: `cargo run --release -p renderflow-bench --example fusion_time`. Of the two times in bf16, the
+//! first is without the matrix unit.
 
 use burn::tensor::Device;
 use rand::RngExt;
