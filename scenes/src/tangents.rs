@@ -143,7 +143,7 @@ mod tests {
             positions: places.map(|(x, y)| Vec3::new(x, y, 0.0)).to_vec(),
             uvs: [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, 0.0)].map(Vec2::from).to_vec(),
             more_uvs: vec![places.map(Vec2::from).to_vec()],
-            colors: [0.1, 0.2, 0.3, 0.4].map(|v| Vec4::splat(v)).to_vec(),
+            colors: [0.1, 0.2, 0.3, 0.4].map(Vec4::splat).to_vec(),
             triangles: vec![[0, 1, 2], [1, 3, 2]],
             ..Mesh::default()
         }

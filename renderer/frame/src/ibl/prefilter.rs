@@ -268,6 +268,7 @@ impl pulp::NullaryFnOnce for Sum<'_> {
 impl Lists {
     /// Weighted mean radiance about each axis. Loops run over lanes innermost so that they vectorise.
     #[inline(always)]
+    #[allow(clippy::needless_range_loop)] // One loop over five arrays.
     fn sum(&self, axes: &[Vec3A; LANES], kernel: impl Fn(f32) -> f32) -> [[f32; 3]; LANES] {
         let (x, y, z) = (axes.map(|a| a.x), axes.map(|a| a.y), axes.map(|a| a.z));
         let weigh = |d: Vec3A, i: usize| kernel(x[i] * d.x + y[i] * d.y + z[i] * d.z);
