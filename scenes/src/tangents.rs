@@ -154,10 +154,10 @@ mod tests {
     #[test]
     fn copied_vertices_keep_their_attributes() {
         let original = mirrored();
-        for (normals, vertices) in [(vec![Vec3::Z; 4], 6), (vec![], 6)] {
+        for normals in [vec![Vec3::Z; 4], vec![]] {
             let mut mesh = Mesh { normals, ..original.clone() };
             assert!(generate(&mut mesh));
-            assert_eq!([mesh.positions.len(), mesh.normals.len(), mesh.tangents.len()], [vertices; 3]);
+            assert_eq!([mesh.positions.len(), mesh.normals.len(), mesh.tangents.len()], [6; 3]);
             for (before, after) in original.triangles.iter().flatten().zip(mesh.triangles.iter().flatten()) {
                 let (before, after) = (*before as usize, *after as usize);
                 assert_eq!(mesh.positions[after], original.positions[before]);

@@ -66,6 +66,22 @@ macro_rules! store {
     };
 }
 
+/// Loads or stores the registers of sums, from or to rows at `$at` that are `$stride` floats apart.
+macro_rules! sums {
+    ($what:ident, $at:expr, $stride:expr, $wide:expr, $tall:expr) => {
+        $what!(0, $at, $stride);
+        if $wide {
+            $what!(1, $at.add(SIDE), $stride);
+        }
+        if $tall {
+            $what!(2, $at.add(SIDE * $stride), $stride);
+        }
+        if $wide && $tall {
+            $what!(3, $at.add(SIDE * $stride + SIDE), $stride);
+        }
+    };
+}
+
 /// Adds the product of two registers to a third one.
 macro_rules! multiply {
     ($sum:literal, $a:literal, $b:literal) => {
@@ -97,16 +113,7 @@ impl AmxBf16 {
         // are set first, so that a register touches the rows that exist and no others.
         unsafe {
             asm!("ldtilecfg [{}]", in(reg) &raw const shapes, options(nostack, preserves_flags, readonly));
-            load!(0, from, from_stride);
-            if WIDE {
-                load!(1, from.add(SIDE), from_stride);
-            }
-            if TALL {
-                load!(2, from.add(SIDE * from_stride), from_stride);
-                if WIDE {
-                    load!(3, from.add(SIDE * from_stride + SIDE), from_stride);
-                }
-            }
+            sums!(load, from, from_stride, WIDE, TALL);
             for term in terms {
                 for k in (0..term.k).step_by(SIDE) {
                     let (a, b) = (term.a.as_ptr().add(k), term.b.as_ptr().add(k * term.b_step));
@@ -126,16 +133,7 @@ impl AmxBf16 {
                     }
                 }
             }
-            store!(0, to, to_stride);
-            if WIDE {
-                store!(1, to.add(SIDE), to_stride);
-            }
-            if TALL {
-                store!(2, to.add(SIDE * to_stride), to_stride);
-                if WIDE {
-                    store!(3, to.add(SIDE * to_stride + SIDE), to_stride);
-                }
-            }
+            sums!(store, to, to_stride, WIDE, TALL);
             // The system need not keep registers that are not in use.
             asm!("tilerelease", options(nostack, preserves_flags, nomem));
         }
@@ -190,13 +188,16 @@ impl Tile for AmxBf16 {
             copied = all;
             &copied
         };
-        let mut whole = [0.0_f32; 4 * SIDE * SIDE];
-        let partial = out.columns < width;
+        // Where not all columns are written, the tile goes through memory of its own.
+        let mut whole = (out.columns < width).then(|| [0.0_f32; 4 * SIDE * SIDE]);
         let from = match start {
             Start::Row(bias) => (bias.as_ptr(), 0),
             Start::Output => (out.values.as_ptr(), out.row),
         };
-        let to = if partial { (whole.as_mut_ptr(), width) } else { (out.values.as_mut_ptr(), out.row) };
+        let to = match &mut whole {
+            Some(whole) => (whole.as_mut_ptr(), width),
+            None => (out.values.as_mut_ptr(), out.row),
+        };
         // SAFETY: a value of this type exists only after `detect` has found the instructions. `check` and the loop above have
         // shown that all rows exist.
         unsafe {
@@ -207,7 +208,7 @@ impl Tile for AmxBf16 {
                 (true, true) => Self::sum::<true, true>(rows, terms, from, to),
             }
         }
-        if partial {
+        if let Some(whole) = whole {
             for (row, whole) in whole.chunks_exact(width).take(rows).enumerate() {
                 out.values[row * out.row..][..out.columns].copy_from_slice(&whole[..out.columns]);
             }
