@@ -189,7 +189,7 @@ impl Tile for AmxBf16 {
             &copied
         };
         // Where not all columns are written, the tile goes through memory of its own.
-        let mut whole = (out.columns < width).then(|| [0.0_f32; 4 * SIDE * SIDE]);
+        let mut whole = if out.columns < width { Some([0.0_f32; 4 * SIDE * SIDE]) } else { None };
         let from = match start {
             Start::Row(bias) => (bias.as_ptr(), 0),
             Start::Output => (out.values.as_ptr(), out.row),
