@@ -147,8 +147,8 @@ fn an_autoencoder_learns_and_resumes() {
     let path = some_autoencoder(folder.path(), 150, &clips);
     let losses = losses(&folder.path().join("autoencoder"));
     let mean = |part: &[(u64, f32)]| part.iter().map(|(_, loss)| loss).sum::<f32>() / part.len() as f32;
-    let [before, after] = [mean(&losses[..20]), mean(&losses[110..])];
-    assert!(after < 0.75 * before, "{before} at first, {after} at last");
+    let [before, after] = [mean(&losses[..20]), mean(&losses[130..])];
+    assert!(after < 0.8 * before, "{before} at first, {after} at last");
 
     // The statistics it was saved with make its latents standard.
     let (vae, provenance) = Vae::open(&path, &VaeConfig::wan(), &Device::flex()).expect("autoencoder");
