@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use renderflow_frame::{file, memory};
 use std::borrow::Cow;
 use std::io::Cursor;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Mutex;
 
@@ -151,9 +152,10 @@ pub(crate) fn decode_rgba8(bytes: &[u8], name: &str, budget: &Budget) -> Result<
 
 /// Bytes that the image takes as a texture, with its mip levels; only its header is read.
 fn size(bytes: &[u8]) -> Result<u64, String> {
-    let decoder = decoder(bytes)?;
-    let (mut width, mut height) = decoder.dimensions();
-    let color = decoder.color_type();
+    let ((mut width, mut height), color) = guarded(|| {
+        let decoder = decoder(bytes)?;
+        Ok((decoder.dimensions(), decoder.color_type()))
+    })?;
     let texel = if color.bytes_per_pixel() / color.channel_count() > 1 { 8 } else { 4 };
     let mut texels = u64::from(width) * u64::from(height);
     while width > 1 || height > 1 {
@@ -194,7 +196,13 @@ fn decoder(bytes: &[u8]) -> Result<impl ImageDecoder, String> {
 }
 
 fn picture(bytes: &[u8]) -> Result<image::DynamicImage, String> {
-    image::DynamicImage::from_decoder(decoder(bytes)?).map_err(|e| e.to_string())
+    guarded(|| image::DynamicImage::from_decoder(decoder(bytes)?).map_err(|e| e.to_string()))
+}
+
+/// Runs a decoder. The one of JPEG panics at some damaged files. Decoders work on bytes in memory and keep nothing, so that
+/// unwinding leaves no broken state behind.
+fn guarded<T>(decode: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(decode)).unwrap_or_else(|_| Err("damaged image data".into()))
 }
 
 /// KHR_texture_transform: scale, then a turn that looks counter-clockwise where v runs down, then the offset.

@@ -6,6 +6,7 @@ use image::ImageDecoder;
 use image::metadata::Orientation;
 use renderflow_frame::file;
 use renderflow_frame::image::Rgb;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 /// Error maps show |difference| times this.
@@ -144,7 +145,9 @@ pub fn decode(path: &Path, bytes: &[u8], expected: Option<[usize; 2]>) -> Result
             path.display()
         ),
     }
-    let mut picture = image::DynamicImage::from_decoder(decoder).with_context(context)?;
+    // The decoder of JPEG panics at some damaged files. It keeps nothing, so that unwinding leaves no broken state behind.
+    let decoded = catch_unwind(AssertUnwindSafe(|| image::DynamicImage::from_decoder(decoder)));
+    let mut picture = decoded.ok().with_context(|| format!("{}: damaged image data", path.display()))?.with_context(context)?;
     picture.apply_orientation(orientation);
     Ok(picture)
 }
