@@ -44,7 +44,7 @@ fn every_table_is_made_once() {
         ("Training strategies", 5),
         ("Losses on pictures", 3),
         ("Keyframe adapters", 9),
-        ("What the bridge begins with", 3),
+        ("What the bridge begins with", 5),
         ("Distances between keyframes", 8),
         ("Steps", 3),
         ("Determinism", 4),

@@ -88,6 +88,7 @@ fn the_papers_network_from_training_to_tables() {
     the_autoencoder_is_measured(folder.path(), &data, &weights);
     recovered_buffers_are_measured(folder.path(), &data, &weights);
     rows_stand_beside_the_others(folder.path(), &data, &weights);
+    the_bridge_begins_with_deferred_shading(folder.path(), &data, &weights);
 }
 
 fn files_say_what_they_are(folder: &Path, weights: &Weights) {
@@ -187,7 +188,7 @@ fn sequences_are_rendered(folder: &Path, data: &Path, weights: &Weights) {
     let mut session = renderer.begin(&sequence, Options::default()).unwrap();
     for index in 0..5 {
         let frame = sequence.frame(index).unwrap();
-        session.push(View { number: index, index, frame: &frame }).unwrap();
+        session.push(View { number: index, index, frame: &frame, shaded: None }).unwrap();
     }
     let state = session.state().unwrap().encode().unwrap();
     std::fs::write(stopped.join("seq-000000/stopped.safetensors"), state).unwrap();
@@ -275,6 +276,11 @@ fn the_autoencoder_is_measured(folder: &Path, data: &Path, weights: &Weights) {
     let [still, clip] = [0, 1].map(|i| sets[0]["kinds"]["albedo"][i].as_array().unwrap());
     // The first frame of a clip is a picture by itself.
     assert!((still.len(), clip.len()) == (1, 5) && still[0] == clip[0] && clip[0] != clip[1], "{still:?} {clip:?}");
+    let more = ["--vae", text(&weights.vae), "--data", text(data), "--deferred", "--json", "--out", text(&out)];
+    let sets: Value = serde_json::from_str(&succeed(&[&["evaluate", "autoencoder"][..], &more].concat())).unwrap();
+    // The change from deferred shading loses less than the picture.
+    let [picture, change] = ["target", "target as change"].map(|row| sets[0]["kinds"][row][0][0].as_f64().unwrap());
+    assert!(change > picture + 1.0 && sets[0]["kinds"]["deferred"][1][4].is_number(), "{sets}");
 }
 
 /// By the network itself, and from the pictures it wrote.
@@ -311,6 +317,43 @@ fn recovered_buffers_are_measured(folder: &Path, data: &Path, Weights { vae, key
     assert!(said.contains("no inverse adapter"), "{said}");
     let said = fail(&[&evaluate[..], &["--buffers", text(folder)]].concat());
     assert!(said.contains("no buffers of any frame"), "{said}");
+}
+
+/// A network that has learnt next to nothing returns deferred shading: in an evaluation and in files, stopped or not.
+fn the_bridge_begins_with_deferred_shading(folder: &Path, data: &Path, weights: &Weights) {
+    let path = folder.join("deferred.json");
+    let preset = ["--preset", "wan-tiny", "--stage", "base", "--vae", text(&weights.vae), "--steps", "1", "--print-config"];
+    let print = [&["train", "--data", text(data), "--out", "runs/out"][..], &preset].concat();
+    let mut config: Value = serde_json::from_str(&succeed(&print)).unwrap();
+    config["stage"]["base"]["network"]["bridge_start"] = json!("deferred");
+    std::fs::write(&path, config.to_string()).unwrap();
+    let run = folder.join("deferred");
+    succeed(&["train", "--config", text(&path), "--data", text(data), "--out", text(&run)]);
+    let network = run.join("weights.safetensors");
+    let from = ["--data", text(data), "--weights", text(&network), "--vae", text(&weights.vae)];
+    let out = folder.join("results-deferred");
+    succeed(&[&["evaluate", "--methods", "deferred,wan,wan-stills", "--out", text(&out)][..], &from].concat());
+    let scores = Results::read(&out).unwrap().sequences.remove(0).scores;
+    let of = |method: &str| scores.iter().filter(|s| s.method == method).map(|s| s.values["psnr"]).collect::<Vec<_>>();
+    for method in ["wan", "wan-stills"] {
+        assert_eq!(of(method).len(), of("deferred").len());
+        let far = of(method).iter().zip(of("deferred")).fold(0.0f64, |worst, (a, b)| worst.max((a - b).abs()));
+        assert!(far < 0.3, "{method}: {:?} and {:?}", of(method), of("deferred"));
+    }
+    let pictures = folder.join("infer/deferred");
+    let infer = |more: &[&str]| succeed(&[&["infer", "--out", text(&pictures)][..], &from, more].concat());
+    infer(&[]);
+    let before = files(&pictures);
+    std::fs::remove_file(pictures.join("seq-000000/frame.0005.exr")).unwrap();
+    infer(&[]);
+    assert!(files(&pictures) == before, "a resumed run makes other pictures");
+    // Without the scene there is nothing to begin with.
+    let bare = folder.join("bare");
+    copy(&data.join("seq-000000"), &bare.join("seq-000000"));
+    std::fs::remove_file(bare.join("seq-000000/scene.json")).unwrap();
+    let without = ["--data", text(&bare), "--weights", text(&network), "--vae", text(&weights.vae)];
+    let said = fail(&[&["infer", "--out", text(&folder.join("infer/bare"))][..], &without].concat());
+    assert!(said.contains("begins with deferred shading"), "{said}");
 }
 
 fn rows_stand_beside_the_others(folder: &Path, data: &Path, weights: &Weights) {

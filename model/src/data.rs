@@ -3,6 +3,7 @@
 use crate::{Error, Result};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
+use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, Light};
 
 /// One rendered sequence: frames under one environment.
@@ -12,6 +13,8 @@ pub struct Clip {
     pub name: String,
     /// Frames with `beauty`.
     pub frames: Vec<Frame>,
+    /// Each frame by deferred shading, as scene-linear radiance; empty where no network asks for it.
+    pub shaded: Vec<Rgb>,
     /// Environment light of the sequence.
     pub light: Light,
     /// Number of each frame in its sequence, ascending. Distances to keyframes are differences of these numbers.
@@ -22,11 +25,15 @@ impl Clip {
     /// Checks that the clip can be trained on.
     ///
     /// # Errors
-    /// [`Error::Data`] when lengths disagree, when the exposure is not a positive number, or when a frame has no beauty.
+    /// [`Error::Data`] when lengths or sizes disagree, when the exposure is not a positive number, or when a frame has no beauty.
     pub fn check(&self) -> Result<()> {
         let (frames, numbers) = (self.frames.len(), self.numbers.len());
         if frames == 0 || numbers != frames {
             return Err(self.broken(format!("{frames} frames with {numbers} numbers")));
+        }
+        let fits = |(shaded, frame): (&Rgb, &Frame)| (shaded.width, shaded.height) == (frame.width, frame.height);
+        if !self.shaded.is_empty() && !(self.shaded.len() == frames && self.shaded.iter().zip(&self.frames).all(fits)) {
+            return Err(self.broken("the pictures by deferred shading are not of its frames".into()));
         }
         let exposure = self.light.exposure();
         if !(exposure.is_finite() && exposure > 0.0) {

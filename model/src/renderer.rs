@@ -22,6 +22,8 @@ pub struct About {
     pub keyframes: bool,
     /// Whether its pictures can be brighter than display white.
     pub hdr: bool,
+    /// Whether it begins with the picture by deferred shading, [`View::shaded`].
+    pub shaded: bool,
     /// Number of frames that are rendered together. With 1, frames can come in any order.
     pub clip: usize,
 }
@@ -92,6 +94,8 @@ pub struct View<'a> {
     pub index: usize,
     /// G-buffer of the frame. Its beauty is not read.
     pub frame: &'a Frame,
+    /// The frame by deferred shading, as scene-linear radiance, for a renderer that begins with it ([`About::shaded`]).
+    pub shaded: Option<&'a Rgb>,
 }
 
 /// A rendered frame.

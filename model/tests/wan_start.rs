@@ -1,18 +1,19 @@
-//! Bridges that begin with something else than the albedo: noise, and the albedo under the light without shadows.
+//! Bridges that begin with something else than the albedo: noise, the albedo under the light without shadows, deferred shading.
 
 mod common;
 
 use burn::tensor::Device;
-use common::sequence::Memory;
+use common::sequence::{Memory, SIDE};
 use common::{clip, encoder, learn, lpips_folder};
 use renderflow_frame::{DepthBounds, color, ibl};
+use renderflow_model::Clip;
 use renderflow_model::bridge::{Bridge, Times};
 use renderflow_model::data::step_rng;
 use renderflow_model::device::NetworkDevice;
 use renderflow_model::renderer::{Options, Renderer};
 use renderflow_model::train::{RunConfig, Share};
 use renderflow_model::wan::flow::{Flow, FlowConfig, InverseConfig};
-use renderflow_model::wan::pictures::{BridgeStart, EnvironmentView, Pictures};
+use renderflow_model::wan::pictures::{BridgeStart, EnvironmentView, Kind, Pictures};
 use renderflow_model::wan::train::latent_batch::{BatchSampler, LatentBatch, Task};
 use renderflow_model::wan::train::latents::{ClipLatents, Encoder};
 use renderflow_model::wan::train::{BatchConfig, Config, LatentConfig, PixelLoss, Stage};
@@ -32,8 +33,15 @@ fn autoencoder() -> Vae {
 }
 
 fn latents(vae: &Vae, start: BridgeStart) -> Vec<Arc<Vec<ClipLatents>>> {
-    let encoder = Encoder { start, ..encoder(vae, SIZE) };
-    vec![Arc::new(encoder.encode(&clip(6, SIZE)).expect("latents"))]
+    let encoder = Encoder { start, pictures: &[Kind::Target, Kind::Albedo], ..encoder(vae, SIZE) };
+    vec![Arc::new(encoder.encode(&shaded(6, SIZE)).expect("latents"))]
+}
+
+/// A clip whose frames come with the split sum at twice its brightness in the place of deferred shading.
+fn shaded(frames: usize, size: usize) -> Clip {
+    let mut clip = clip(frames, size);
+    clip.shaded = clip.frames.iter().map(|frame| ibl::shade(frame, &clip.light).image.map(|p| p.map(|v| 2.0 * v))).collect();
+    clip
 }
 
 fn settings() -> LatentConfig {
@@ -129,7 +137,7 @@ fn a_lit_start_shows_albedo_under_the_unshadowed_light() {
     let frame = &clip.frames[0];
     let view = EnvironmentView::new(&clip.light.environment, 4, 2);
     let made = || Pictures::new(frame, &clip.light, &view, DepthBounds::of(&clip.frames)).expect("pictures");
-    let (plain, lit) = (made(), made().starting(BridgeStart::Lit, frame, &clip.light));
+    let (plain, lit) = (made(), made().starting(BridgeStart::Lit, frame, &clip.light, None).expect("lit"));
     let shading = ibl::shade(frame, &clip.light);
     let (pixels, mut seen) = (SIZE * SIZE, 0);
     for i in 0..pixels {
@@ -155,6 +163,69 @@ fn a_lit_start_shows_albedo_under_the_unshadowed_light() {
     assert!(lit != plain);
 }
 
+/// Before it has learnt anything, a network that begins with deferred shading returns it, whatever its autoencoder loses.
+#[test]
+fn a_bridge_from_deferred_shading_begins_there() {
+    let config = network(BridgeStart::Deferred);
+    let device = Device::flex();
+    let (flow, vae) = (Flow::new(&config, 3, &device).expect("network"), Vae::new(&config.vae, 4, &device).expect("network"));
+    let header = Header { network: Network::WanFlow(config.clone()), provenance: Provenance::default() };
+    let renderer = WanRenderer::new(flow, vae, header, device).expect("renderer");
+    assert!(renderer.about().shaded);
+    let mut sequence = Memory::new(7, &[]);
+    let begun = |sequence: &Memory, stills: bool| {
+        let mut session = renderer.begin(sequence, Options { stills, ..Options::default() }).expect("begins");
+        let mut made = Vec::new();
+        for index in 0..sequence.len() {
+            made.extend(session.push(sequence.view(index)).map_err(|error| error.to_string())?);
+        }
+        made.extend(session.finish().map_err(|error| error.to_string())?);
+        Ok::<_, String>(made)
+    };
+    let said = begun(&sequence, false).expect_err("no shading");
+    assert!(said.contains("begin with deferred shading"), "{said}");
+    sequence.clip.shaded = shaded(7, SIDE).shaded;
+    let exposure = sequence.clip.light.exposure();
+    for stills in [false, true] {
+        let made = begun(&sequence, stills).expect("renders");
+        assert_eq!(made.len(), 7);
+        for (index, made) in made.iter().enumerate() {
+            let expected = &sequence.clip.shaded[index];
+            for i in (0..SIDE * SIDE).filter(|&i| sequence.clip.frames[index].alpha.pixels[i] > 0.0) {
+                let [a, b] = [made.linear.pixels[i], expected.pixels[i]].map(|p| color::display(p, exposure));
+                assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4), "frame {index}, pixel {i}: {a:?} and {b:?}");
+            }
+        }
+    }
+    // Pictures of another size are refused.
+    sequence.clip.shaded = shaded(7, SIDE + 1).shaded;
+    assert!(begun(&sequence, true).is_err() && sequence.clip.check().is_err());
+}
+
+/// Steps that decode know where the bridge begins: its pictures, and latents that decode to them.
+#[test]
+fn decoding_steps_know_the_start_that_is_coded_as_change() {
+    let vae = autoencoder();
+    let settings = LatentConfig { pixels: PixelLoss { period: 1, window: 2, ..PixelLoss::default() }, ..settings() };
+    let batch = drawn(&vae, BridgeStart::Deferred, 3, &settings);
+    let truth = batch.truth.expect("a step that decodes");
+    let start = truth.start.expect("a start");
+    assert_eq!(start.pictures.len(), truth.pictures.len());
+    assert_eq!(start.latents.len(), batch.shape[..3].iter().product::<usize>() * 4);
+    assert!(start.pictures != truth.pictures);
+    // The window of latents is the one of the pictures: the bridge begins with these latents.
+    let [begin, _] = ends(&LatentBatch { truth: None, ..drawn(&vae, BridgeStart::Deferred, 3, &settings) });
+    let [_, channels, frames, rows, columns] = batch.shape;
+    let item = channels * frames * rows * columns;
+    for (i, value) in start.latents.iter().enumerate() {
+        let (plane, y, x) = (i / 4, i / 2 % 2, i % 2);
+        let at = plane * rows * columns + (truth.top + y) * columns + truth.left + x;
+        assert!((begin[at] - value).abs() < 2e-3 * (1.0 + value.abs()), "{i}: {} and {value}", begin[at]);
+    }
+    assert_eq!(begin.len(), 3 * item);
+    assert!(drawn(&vae, BridgeStart::Lit, 3, &settings).truth.expect("a step that decodes").start.is_none());
+}
+
 /// A step of each kind learns, and the weights say what their bridge begins with.
 #[test]
 fn weights_keep_the_start_of_their_bridge() {
@@ -163,11 +234,15 @@ fn weights_keep_the_start_of_their_bridge() {
     let vae = autoencoder();
     let header = Header { network: Network::WanVae(vae.config().clone()), provenance: Provenance::default() };
     save(&file, &vae, &header, Precision::F32, Naming::Diffusers).expect("saved");
-    for start in [BridgeStart::Noise, BridgeStart::Lit, BridgeStart::Albedo] {
+    for start in [BridgeStart::Noise, BridgeStart::Lit, BridgeStart::Deferred, BridgeStart::Albedo] {
         let stage = Stage::Base {
             network: Box::new(network(start)),
             start: None,
-            latents: LatentConfig { autoencoder: file.clone(), ..settings() },
+            latents: LatentConfig {
+                autoencoder: file.clone(),
+                pixels: PixelLoss { lpips: 0.0, period: 1, window: 2, ..PixelLoss::default() },
+                ..settings()
+            },
         };
         let config = Config {
             stage,
@@ -176,7 +251,7 @@ fn weights_keep_the_start_of_their_bridge() {
             batches: vec![BatchConfig { size: SIZE, frames: 1, items: 1, weight: 1.0 }],
             ..Config::default()
         };
-        let summary = learn(&config, &[clip(2, SIZE)], &|_| false).expect("trains");
+        let summary = learn(&config, &[shaded(2, SIZE)], &|_| false).expect("trains");
         let renderer = WanRenderer::load(&summary.weights, Some(&file), &NetworkDevice::cpu()).expect("renderer");
         assert_eq!(renderer.config().bridge_start, start);
         let text = serde_json::to_string(renderer.config()).expect("JSON");

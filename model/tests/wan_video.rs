@@ -367,7 +367,7 @@ fn bad_input_is_refused_in_words() {
     let mut session = renderer.begin(&sequence, Options::default()).expect("begins");
     session.push(sequence.view(0)).expect("taken");
     let other = clip(1, 24);
-    let view = View { number: 1, index: 1, frame: &other.frames[0] };
+    let view = View { number: 1, index: 1, frame: &other.frames[0], shaded: None };
     let message = session.push(view).expect_err("must fail").to_string();
     assert!(message.contains("24x24") && message.contains("20x20"), "{message}");
     // What was refused leaves the session as it was.

@@ -60,7 +60,7 @@ impl Evaluate {
         match self.part {
             Some(Part::Inverse(options)) => options.run(cancel),
             Some(Part::Relight(options)) => options.run(allowed, cancel),
-            Some(Part::Autoencoder(options)) => options.run(cancel),
+            Some(Part::Autoencoder(options)) => options.run(allowed, cancel),
             None => self.pictures.run(allowed, cancel),
         }
     }

@@ -1,4 +1,5 @@
 use super::WeightsArgs;
+use crate::dataset::shading::Shading;
 use crate::dataset::{Dataset, Sequence};
 use crate::evaluate::method::Method;
 use crate::evaluate::method::tracing::{Clean, Neighbours};
@@ -116,8 +117,15 @@ impl Infer {
         for sequence in &dataset.sequences {
             progress.message(sequence.name.clone());
             let work = self.work(sequence, &claim, &progress, cancel);
-            if renderer.about().in_clips(self.options()) { work.clips(&*renderer) } else { work.frames(&*renderer) }
-                .with_context(|| sequence.folder.display().to_string())?;
+            let shading = || Shading::new(sequence, allowed);
+            let mut shading =
+                renderer.about().shaded.then(shading).transpose().with_context(|| sequence.folder.display().to_string())?;
+            if renderer.about().in_clips(self.options()) {
+                work.clips(&*renderer, &mut shading)
+            } else {
+                work.frames(&*renderer, &mut shading)
+            }
+            .with_context(|| sequence.folder.display().to_string())?;
         }
         progress.finish();
         Ok(())
@@ -244,13 +252,13 @@ impl Work<'_> {
     }
 
     /// Renders frames that do not depend on each other. Pictures that are there already stay.
-    fn frames(&self, renderer: &dyn Renderer) -> Result<()> {
+    fn frames(&self, renderer: &dyn Renderer, shading: &mut Option<Shading>) -> Result<()> {
         let mut session = renderer.begin(self.sequence, self.options)?;
         for index in 0..self.sequence.len() {
             if self.path(index).is_file() {
                 self.progress.resume(1);
             } else {
-                self.push(&mut *session, index)?;
+                self.push(&mut *session, shading, index)?;
             }
         }
         Ok(())
@@ -273,7 +281,7 @@ impl Work<'_> {
     }
 
     /// Renders frames in clips. Everything up to the last clip that was written stays.
-    fn clips(&self, renderer: &dyn Renderer) -> Result<()> {
+    fn clips(&self, renderer: &dyn Renderer, shading: &mut Option<Shading>) -> Result<()> {
         let state = self.out.join(STATE);
         let done = (0..self.sequence.len()).take_while(|&index| self.path(index).is_file()).count();
         if done == self.sequence.len() && !state.is_file() {
@@ -285,14 +293,15 @@ impl Work<'_> {
             Some((index, state)) => {
                 let frame = self.sequence.frame(index)?;
                 let number = self.sequence.numbers[index];
-                session.resume(View { number, index, frame: &frame }, state)?;
+                let shaded = shading.as_mut().map(|shading| shading.picture(number)).transpose()?;
+                session.resume(View { number, index, frame: &frame, shaded: shaded.as_ref() }, state)?;
                 index + 1
             }
             None => 0,
         };
         self.progress.resume(start as u64);
         for index in start..self.sequence.len() {
-            self.push(&mut *session, index)?;
+            self.push(&mut *session, shading, index)?;
             if let Some(reached) = session.state() {
                 self.claim.write()?;
                 file::write_atomic(&state, &reached.encode()?)?;
@@ -322,11 +331,12 @@ impl Work<'_> {
         Ok(index.filter(|index| *index < done).map(|index| (index, state)))
     }
 
-    fn push(&self, session: &mut dyn Session, index: usize) -> Result<()> {
+    fn push(&self, session: &mut dyn Session, shading: &mut Option<Shading>, index: usize) -> Result<()> {
         self.cancel.check()?;
         let frame = self.sequence.frame(index)?;
         let number = self.sequence.numbers[index];
-        let rendered = session.push(View { number, index, frame: &frame })?;
+        let shaded = shading.as_mut().map(|shading| shading.picture(number)).transpose()?;
+        let rendered = session.push(View { number, index, frame: &frame, shaded: shaded.as_ref() })?;
         self.write(rendered)
     }
 

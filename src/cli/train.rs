@@ -246,7 +246,7 @@ impl Train {
         match configuration {
             Configuration::Fusion(options) => self.sequences(&options, team, allowed, cancel),
             Configuration::Inverse(options) => self.sequences(&options, team, allowed, cancel),
-            Configuration::Wan(config) => self.wan(&config, team, cancel),
+            Configuration::Wan(config) => self.wan(&config, team, allowed, cancel),
         }
     }
 

@@ -5,6 +5,7 @@ use super::damage;
 use super::home::Home;
 use super::record::Record;
 use super::sequence::{Sequence, folders};
+use super::shading::Shading;
 use crate::dataset::layout::TRANSFORMS;
 use crate::util::{console, files};
 use anyhow::{Result, anyhow, ensure};
@@ -23,6 +24,8 @@ pub struct Dataset {
     pub sequences: Vec<Sequence>,
     /// The root of the dataset, if it has a plan and was opened for training.
     root: Option<PathBuf>,
+    /// Folders in which scenes may name files, if clips come with deferred shading.
+    shaded: Option<Vec<PathBuf>>,
 }
 
 impl Dataset {
@@ -33,7 +36,7 @@ impl Dataset {
     pub fn open(folder: &Path) -> Result<Self> {
         let paths = folders(folder)?;
         ensure!(!paths.is_empty(), "{}: no sequence (a folder with {TRANSFORMS}) inside", folder.display());
-        Ok(Self { sequences: paths.iter().map(|path| Sequence::open(path)).collect::<Result<_>>()?, root: None })
+        Ok(Self { sequences: paths.iter().map(|path| Sequence::open(path)).collect::<Result<_>>()?, ..Self::default() })
     }
 
     /// As [`Self::open`], for training. In a dataset with a plan, every sequence must be complete, whole and in its place. Also
@@ -55,6 +58,11 @@ impl Dataset {
             notes.push(format!("{}: {} of {} sequences are there", folder.display(), present.len(), home.indices.len()));
         }
         Ok((Self { root: Some(home.root), ..Self::open(folder)? }, notes))
+    }
+
+    /// The same dataset, whose clips come with deferred shading. Scenes may name files in the folders `allowed` too.
+    pub fn shaded(self, allowed: &[PathBuf]) -> Self {
+        Self { shaded: Some(allowed.into()), ..self }
     }
 
     /// BLAKE3 of a file of a sequence. For frames, it comes from the record; the frame is compared with it when it is read.
@@ -124,9 +132,16 @@ impl Dataset {
         let other = frames.iter().position(|frame| frame.info.scene_hash != frames[0].info.scene_hash);
         let names = &sequence.transforms.files;
         ensure!(other.is_none(), "{} is of another scene than {}", names[other.unwrap_or(0)], names[0]);
+        let mut shaded = Vec::new();
+        if let Some(allowed) = &self.shaded {
+            self.check_scene(index)?;
+            let mut shading = Shading::new(sequence, allowed)?;
+            shaded = sequence.numbers.iter().map(|&number| shading.picture(number)).collect::<Result<_>>()?;
+        }
         Ok(Clip {
             name: sequence.name.clone(),
             frames,
+            shaded,
             numbers: sequence.numbers.clone(),
             light: Light::clone(sequence.light()?),
         })

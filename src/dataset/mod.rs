@@ -24,6 +24,7 @@ pub mod record;
 pub mod render;
 pub mod repair;
 pub mod sequence;
+pub mod shading;
 pub mod shard;
 pub mod slurm;
 pub mod source;

@@ -9,7 +9,7 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use renderflow_frame::file;
 use renderflow_model::Error;
-use renderflow_model::wan::train::{RoundTrip, round_trip};
+use renderflow_model::wan::train::{Measured, RoundTrip, round_trip};
 use renderflow_model::wan::{Vae, VaeConfig};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -36,6 +36,9 @@ pub struct Options {
     /// Clips of each sequence, from its first frame on
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     clips: u32,
+    /// Also measure the truth when it is coded as a change of deferred shading, and deferred shading itself. This needs the scenes
+    #[arg(long)]
+    deferred: bool,
     /// Folder for the results
     #[arg(long, short = 'o', default_value = "results-autoencoder")]
     out: PathBuf,
@@ -55,11 +58,14 @@ struct Set {
 
 impl Options {
     /// Measures and prints.
-    pub fn run(self, cancel: &Cancel) -> Result<()> {
+    pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let (vae, _) = Vae::open(&self.vae, &VaeConfig::wan(), self.device.open()?.device())?;
         let mut sets: BTreeMap<String, Dataset> = BTreeMap::new();
         for test in find::find(&self.data)? {
             sets.entry(test.set).or_default().sequences.push(test.sequence);
+        }
+        if self.deferred {
+            sets = sets.into_iter().map(|(name, data)| (name, data.shaded(allowed))).collect();
         }
         let total: usize = sets.values().map(|set| set.sequences.len()).sum();
         let progress = Progress::new("autoencoder", 2 * total as u64);
@@ -95,7 +101,7 @@ impl Options {
             );
             for (kind, [still, clip]) in &set.kinds {
                 let row = |values: &[f32]| values.iter().map(|v| format!("{v:6.2}")).collect::<Vec<_>>().join(" ");
-                println!("  {kind:12} {} | {}", row(still), row(clip));
+                println!("  {kind:16} {} | {}", row(still), row(clip));
             }
         }
         println!("{}", path.display());
@@ -104,6 +110,10 @@ impl Options {
 }
 
 fn table(stills: Vec<RoundTrip>, clips: Vec<RoundTrip>) -> BTreeMap<String, [Vec<f32>; 2]> {
-    let name = |trip: &RoundTrip| format!("{:?}", trip.kind).to_lowercase();
+    let name = |trip: &RoundTrip| match trip.of {
+        Measured::Kind(kind) => format!("{kind:?}").to_lowercase(),
+        Measured::Change => "target as change".into(),
+        Measured::Deferred => "deferred".into(),
+    };
     stills.into_iter().zip(clips).map(|(still, clip)| (name(&still), [still.psnr, clip.psnr])).collect()
 }

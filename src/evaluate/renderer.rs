@@ -66,6 +66,13 @@ impl<'a> Options<'a> {
     }
 }
 
+impl Options<'_> {
+    /// Whether the paper's network begins with deferred shading.
+    fn begins_shaded(&self) -> bool {
+        self.wan.is_some_and(|wan| wan.about().shaded)
+    }
+}
+
 /// How the paper's network draws a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Drawing {
@@ -133,7 +140,7 @@ impl<'a> MethodRenderer<'a> {
         let mut once = vec![("prefiltering the environment".to_owned(), prefilter)];
         let methods = options.methods;
         let mut baseline = None;
-        if methods.iter().any(Method::is_deferred) {
+        if methods.iter().any(|method| method.is_deferred() || (method.is_wan() && options.begins_shaded())) {
             let whole = methods.contains(&Method::Deferred(Some(Part::Lights)));
             let (made, seconds) = timed(|| DeferredBaseline::new(sequence, whole))?;
             once.push(("taking lights out of the environment, prefiltering the rest".to_owned(), seconds));
@@ -192,7 +199,8 @@ impl<'a> MethodRenderer<'a> {
         while let Some(next) = self.sessions.wanted(index) {
             self.scene.set_frame(self.sequence.numbers[next]);
             let frame = render_gbuffer(&self.scene, &settings)?;
-            self.sessions.push(next, &frame)?;
+            let shaded = self.shaded(&frame, None)?;
+            self.sessions.push(next, &frame, shaded.as_ref())?;
             cancel.check()?;
         }
         self.scene.set_frame(self.sequence.numbers[index]);
@@ -218,7 +226,10 @@ impl<'a> MethodRenderer<'a> {
                 }
                 method => {
                     let made = match method {
-                        Method::Wan { .. } => self.sessions.picture(method, shared.index, &shared.gbuffer)?,
+                        Method::Wan { stills, .. } => {
+                            let shaded = if *stills { self.shaded(&shared.gbuffer, Some(&shared.maps))? } else { None };
+                            self.sessions.picture(method, shared.index, &shared.gbuffer, shaded.as_ref())?
+                        }
                         method => self.shade(method, &shared)?,
                     };
                     let Some((picture, seconds)) = made else { continue };
@@ -263,6 +274,17 @@ impl<'a> MethodRenderer<'a> {
         Ok(Some(made))
     }
 
+    /// The frame by deferred shading and the seconds of that, if the paper's network begins with it. `maps` are the shadow maps of
+    /// the frame, if it is its turn.
+    fn shaded(&self, frame: &Frame, maps: Option<&Maps>) -> Result<Option<(Rgb, f64)>> {
+        let Some(baseline) = self.baseline.as_ref().filter(|_| self.options.begins_shaded()) else { return Ok(None) };
+        match maps {
+            Some(maps) => baseline.picture(&self.scene, frame, maps, None),
+            None => baseline.picture_ahead(&self.scene, frame),
+        }
+        .map(Some)
+    }
+
     /// Makes what all methods of a frame start from.
     fn share(&self, settings: &Settings, index: usize) -> Result<Shared> {
         let (gbuffer, seconds) = timed(|| Ok(render_gbuffer(&self.scene, settings)?))?;
@@ -276,7 +298,8 @@ impl<'a> MethodRenderer<'a> {
         let shared = self.share(settings, index)?;
         for method in self.options.methods {
             if method.is_wan() {
-                self.sessions.warm_up(method, index, &shared.gbuffer)?;
+                let shaded = self.shaded(&shared.gbuffer, Some(&shared.maps))?;
+                self.sessions.warm_up(method, index, &shared.gbuffer, shaded.as_ref())?;
             } else if !matches!(method, Method::Traced(_)) {
                 self.shade(method, &shared)?;
             }

@@ -21,6 +21,7 @@ use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::Renderer;
 use renderflow_model::train::Team;
 use renderflow_model::train::runner::RunContext;
+use renderflow_model::wan::pictures::BridgeStart;
 use renderflow_model::wan::train::{self, Config};
 use renderflow_model::wan::{self, Autoencoder};
 use serde::{Deserialize, Serialize};
@@ -138,6 +139,9 @@ impl<'a> Lab<'a> {
     fn learn(&self, run: Run, config: &Config, data: Data, count: u32) -> Result<Done> {
         let (mut dataset, notes) = Dataset::open_to_learn(&self.data(data)?.join("train"))?;
         dataset.sequences.truncate(count as usize);
+        if train::bridge_start(config)? == Some(BridgeStart::Deferred) {
+            dataset = dataset.shaded(&[]);
+        }
         let progress = Progress::new(&format!("training {}", run.name()), 1000);
         notes.iter().for_each(|note| progress.print(note));
         let tell = |said: &train::Progress| match said {

@@ -247,6 +247,7 @@ fn start(run: Run) -> BridgeStart {
     match run {
         Run::Noise { .. } => BridgeStart::Noise,
         Run::Variant(Variant::Lit) => BridgeStart::Lit,
+        Run::Variant(Variant::Deferred) => BridgeStart::Deferred,
         _ => BridgeStart::Albedo,
     }
 }
@@ -319,6 +320,8 @@ pub enum Variant {
     LatentAndLpips,
     /// The albedo times the irradiance at the beginning.
     Lit,
+    /// The picture by deferred shading at the beginning, whose change the autoencoder codes.
+    Deferred,
 }
 
 /// Variants of the keyframe adapter.
@@ -343,6 +346,7 @@ impl Run {
             Self::Variant(Variant::LatentAlone) => "latent-alone".into(),
             Self::Variant(Variant::LatentAndLpips) => "latent-and-lpips".into(),
             Self::Variant(Variant::Lit) => "lit".into(),
+            Self::Variant(Variant::Deferred) => "deferred".into(),
             Self::Noise { clips: false } => "noise-stills".into(),
             Self::Noise { clips: true } => "noise-clips".into(),
             Self::Keys(Keys::Reused) => "keys-reused".into(),
@@ -379,6 +383,7 @@ mod tests {
         Run::Variant(Variant::LatentAlone),
         Run::Variant(Variant::LatentAndLpips),
         Run::Variant(Variant::Lit),
+        Run::Variant(Variant::Deferred),
         Run::Noise { clips: false },
         Run::Noise { clips: true },
         Run::Keys(Keys::Reused),
@@ -455,6 +460,7 @@ mod tests {
         assert_eq!(changed(Run::Variant(Variant::LatentAlone)), ["weight"]);
         assert_eq!(changed(Run::Variant(Variant::LatentAndLpips)), ["gradient"]);
         assert_eq!(changed(Run::Variant(Variant::Lit)), ["start"]);
+        assert_eq!(changed(Run::Variant(Variant::Deferred)), ["start"]);
         assert_eq!(changed(Run::Time(4)), ["minutes"]);
         assert_eq!(scale.lesson(Run::Data(4)).1, scale.lesson(Run::Base).1 / 4);
     }

@@ -67,9 +67,18 @@ pub enum BridgeStart {
     /// Standard normal noise, as in diffusion models; the albedo is one more condition. This is the paradigm of the paper's
     /// stochastic baselines.
     Noise,
+    /// The picture by deferred shading. The autoencoder codes the change of this picture and not the picture itself: the result
+    /// is the start, plus the decoded prediction, minus the decoded start. What the autoencoder loses of both cancels, and a
+    /// network that has learnt nothing returns the start.
+    Deferred,
 }
 
 impl BridgeStart {
+    /// Whether the autoencoder codes the change of the start.
+    pub(in crate::wan) fn is_coded_as_change(self) -> bool {
+        self == Self::Deferred
+    }
+
     /// Whether it is the paper's.
     pub(in crate::wan) fn is_albedo(&self) -> bool {
         *self == Self::Albedo
@@ -186,12 +195,35 @@ impl Pictures {
 }
 
 impl Pictures {
-    /// The same pictures of `frame` under `light` for a bridge that begins with `start`: with [`BridgeStart::Lit`], the albedo is
-    /// multiplied by the irradiance where a surface is seen.
-    pub fn starting(self, start: BridgeStart, frame: &Frame, light: &Light) -> Self {
-        if start != BridgeStart::Lit {
-            return self;
+    /// The same pictures of `frame` under `light` for a bridge that begins with `start`. Where a surface is seen, the albedo is
+    /// multiplied by the irradiance with [`BridgeStart::Lit`], and is replaced by `shaded` with [`BridgeStart::Deferred`].
+    ///
+    /// # Errors
+    /// [`Error::Data`] when the bridge begins with `shaded`, and it is missing or of another size.
+    pub fn starting(self, start: BridgeStart, frame: &Frame, light: &Light, shaded: Option<&Rgb>) -> Result<Self> {
+        match start {
+            BridgeStart::Albedo | BridgeStart::Noise => Ok(self),
+            BridgeStart::Lit => Ok(self.lit(frame, light)),
+            BridgeStart::Deferred => {
+                let fits = |shaded: &&Rgb| (shaded.width, shaded.height) == (self.width, self.height);
+                let shaded = shaded.filter(fits).ok_or_else(|| Error::Data {
+                    place: "frame".into(),
+                    reason: "these weights begin with deferred shading, and there is no such picture of its size".into(),
+                })?;
+                let (exposure, pixels) = (light.exposure(), self.width * self.height);
+                let albedo = planes(self.width, self.height, |x, y| {
+                    let i = y * self.width + x;
+                    match self.mask[i] > 0.0 {
+                        true => shown(*shaded.at(x, y), exposure),
+                        false => [0, 1, 2].map(|c| self.albedo[c * pixels + i]),
+                    }
+                });
+                Ok(Self { albedo, ..self })
+            }
         }
+    }
+
+    fn lit(self, frame: &Frame, light: &Light) -> Self {
         let (tables, exposure, camera) = (light.tables(), light.exposure(), &frame.info.camera);
         let pixels = self.width * self.height;
         let albedo = planes(self.width, self.height, |x, y| {

@@ -117,7 +117,7 @@ pub fn clip(frames: usize, size: usize) -> Clip {
     let light = Light::new(sky());
     let cameras: Vec<Camera> = (0..frames).map(|i| camera(0.06 * i as f32, size)).collect();
     let frames = cameras.iter().map(|camera| with_truth(camera, &light)).collect::<Vec<_>>();
-    Clip { name: "analytic".into(), numbers: (0..frames.len()).collect(), frames, light }
+    Clip { name: "analytic".into(), numbers: (0..frames.len()).collect(), frames, shaded: Vec::new(), light }
 }
 
 fn with_truth(camera: &Camera, light: &Light) -> Frame {

@@ -24,7 +24,7 @@ impl Memory {
 
     pub fn view(&self, index: usize) -> View<'_> {
         let clip = &self.clip;
-        View { number: clip.numbers[index], index, frame: &clip.frames[index] }
+        View { number: clip.numbers[index], index, frame: &clip.frames[index], shaded: clip.shaded.get(index) }
     }
 
     pub fn len(&self) -> usize {

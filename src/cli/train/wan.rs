@@ -9,7 +9,9 @@ use renderflow_model::data::ClipSource;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
 use renderflow_model::train::Team;
 use renderflow_model::train::runner::RunContext;
+use renderflow_model::wan::pictures::BridgeStart;
 use renderflow_model::wan::train::{self, Config, Stage, StageName};
+use std::path::PathBuf;
 
 impl Train {
     /// Applies the flags of the paper's network.
@@ -67,8 +69,11 @@ impl Train {
         Ok(config)
     }
 
-    pub(super) fn wan(&self, config: &Config, team: &Team, cancel: &Cancel) -> Result<()> {
-        let (dataset, notes) = Dataset::open_to_learn(self.data()?)?;
+    pub(super) fn wan(&self, config: &Config, team: &Team, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+        let (mut dataset, notes) = Dataset::open_to_learn(self.data()?)?;
+        if train::bridge_start(config)? == Some(BridgeStart::Deferred) {
+            dataset = dataset.shaded(allowed);
+        }
         if self.is_done(config, dataset.identity()?.as_deref(), team)? {
             return Ok(());
         }

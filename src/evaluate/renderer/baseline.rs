@@ -21,8 +21,9 @@ pub struct DeferredBaseline<'a> {
     /// The whole environment without lights taken out, if a method asks for it.
     whole: Option<Lighting>,
     keyframes: Vec<(usize, Keyframe)>,
-    /// The shadow tiles of the frames so far, with `lighting` and with `whole`.
-    tiles: [Mutex<ShadowTiles>; 2],
+    /// The shadow tiles of the frames so far, with `lighting` and with `whole`; and again with `lighting` for networks that see
+    /// frames before their turn, so that nobody else's seconds change.
+    tiles: [Mutex<ShadowTiles>; 3],
 }
 
 /// Shadow maps of a frame, and the seconds they took.
@@ -65,6 +66,12 @@ impl<'a> DeferredBaseline<'a> {
     /// The shadow maps of the frame with the G-buffer `frame`, at which `scene` stands.
     pub fn maps(&self, scene: &RenderScene, frame: &Frame) -> Result<Maps> {
         self.maps_of(scene, (&self.lighting, &self.tiles[0]), frame)
+    }
+
+    /// The picture of a frame before its turn, and its seconds.
+    pub fn picture_ahead(&self, scene: &RenderScene, frame: &Frame) -> Result<(Rgb, f64)> {
+        let maps = self.maps_of(scene, (&self.lighting, &self.tiles[2]), frame)?;
+        self.picture(scene, frame, &maps, None)
     }
 
     fn maps_of(&self, scene: &RenderScene, (lighting, tiles): (&Lighting, &Mutex<ShadowTiles>), frame: &Frame) -> Result<Maps> {

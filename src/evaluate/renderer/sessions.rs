@@ -64,12 +64,14 @@ impl<'a> NetworkSessions<'a> {
         (self.next < self.sequence.len() && self.networks.iter().any(waits)).then_some(self.next)
     }
 
-    /// Gives the frame to the networks that work in clips.
-    pub fn push(&mut self, index: usize, frame: &Frame) -> Result<()> {
+    /// Gives the frame to the networks that work in clips. `shaded` is its picture by deferred shading and the seconds of that, if
+    /// the networks begin with it.
+    pub fn push(&mut self, index: usize, frame: &Frame, shaded: Option<&(Rgb, f64)>) -> Result<()> {
         self.next = index + 1;
         let last = self.next == self.sequence.len();
-        let view = view(self.sequence, index, frame);
+        let view = view(self.sequence, index, frame, shaded);
         for network in self.networks.iter_mut().filter(|network| network.clips) {
+            network.spent += shaded.map_or(0.0, |(_, seconds)| *seconds);
             network.take(|session| {
                 let mut rendered = session.push(view)?;
                 if last {
@@ -82,11 +84,18 @@ impl<'a> NetworkSessions<'a> {
     }
 
     /// The network's picture of frame `index`, and its seconds without the G-buffer. `None` where it cannot be made. Earlier
-    /// frames are forgotten.
-    pub fn picture(&mut self, method: &Method, index: usize, frame: &Frame) -> Result<Option<(Rgb, f64)>> {
+    /// frames are forgotten. `shaded` is as for [`Self::push`].
+    pub fn picture(
+        &mut self,
+        method: &Method,
+        index: usize,
+        frame: &Frame,
+        shaded: Option<&(Rgb, f64)>,
+    ) -> Result<Option<(Rgb, f64)>> {
         let Some(network) = self.networks.iter_mut().find(|network| network.method == method) else { return Ok(None) };
         if !network.clips {
-            let view = view(self.sequence, index, frame);
+            let view = view(self.sequence, index, frame, shaded);
+            network.spent += shaded.map_or(0.0, |(_, seconds)| *seconds);
             let ((), preparing) = timed(|| Ok(network.session.prepare(view.number)?))?;
             self.preparing += preparing;
             network.take(|session| session.push(view))?;
@@ -96,10 +105,10 @@ impl<'a> NetworkSessions<'a> {
     }
 
     /// Renders a frame in a session of its own, so that the first frame that counts does not pay for caches.
-    pub fn warm_up(&self, method: &Method, index: usize, frame: &Frame) -> Result<()> {
+    pub fn warm_up(&self, method: &Method, index: usize, frame: &Frame, shaded: Option<&(Rgb, f64)>) -> Result<()> {
         let Some(network) = self.networks.iter().find(|network| network.method == method) else { return Ok(()) };
         let mut session = network.renderer.begin(self.sequence, network.options)?;
-        session.push(view(self.sequence, index, frame))?;
+        session.push(view(self.sequence, index, frame, shaded))?;
         session.finish()?;
         Ok(())
     }
@@ -119,6 +128,6 @@ impl NetworkSession<'_> {
     }
 }
 
-fn view<'f>(sequence: &Sequence, index: usize, frame: &'f Frame) -> View<'f> {
-    View { number: sequence.numbers[index], index, frame }
+fn view<'f>(sequence: &Sequence, index: usize, frame: &'f Frame, shaded: Option<&'f (Rgb, f64)>) -> View<'f> {
+    View { number: sequence.numbers[index], index, frame, shaded: shaded.map(|(picture, _)| picture) }
 }

@@ -88,12 +88,12 @@ impl ClipPictures {
             .into_par_iter()
             .map(|i| {
                 let reduced;
-                let mut frame = &clip.frames[i];
+                let (mut frame, mut shaded) = (&clip.frames[i], clip.shaded.get(i));
                 if factor > 1 {
-                    reduced = reduce(frame, factor);
-                    frame = &reduced;
+                    reduced = (reduce(frame, factor), shaded.map(|shaded| reduce_radiance(shaded, factor)));
+                    (frame, shaded) = (&reduced.0, reduced.1.as_ref());
                 }
-                let pictures = Pictures::new(frame, &clip.light, &view, bounds)?.starting(start, frame, &clip.light);
+                let pictures = Pictures::new(frame, &clip.light, &view, bounds)?.starting(start, frame, &clip.light, shaded)?;
                 let cut = |planes: &[f32], width: usize, height: usize| {
                     let window = Window { top: 0, left: 0, height: cut_h, width: cut_w };
                     let mut out = Vec::with_capacity(planes.len());
@@ -179,23 +179,28 @@ fn rows<T>(plane: &[T], width: usize, window: Window, mut row: impl FnMut(&[T]))
     }
 }
 
+/// Mean of `value` over the pixels that become pixel `x`, `y`.
+fn mean(factor: usize, x: usize, y: usize, value: impl Fn(usize, usize) -> f32) -> f32 {
+    let cells = (0..factor * factor).map(|i| value(x * factor + i % factor, y * factor + i / factor));
+    cells.sum::<f32>() / (factor * factor) as f32
+}
+
+/// Radiance whose sides are divided by `factor`. Remainders at the right and at the bottom are left out.
+fn reduce_radiance(image: &Rgb, factor: usize) -> Rgb {
+    let (width, height) = (image.width / factor, image.height / factor);
+    Rgb::from_fn(width, height, |x, y| [0, 1, 2].map(|c| mean(factor, x, y, |x, y| image.at(x, y)[c])))
+}
+
 /// A frame whose sides are divided by `factor`. Remainders at the right and at the bottom are left out.
 fn reduce(frame: &Frame, factor: usize) -> Frame {
     let (width, height) = (frame.width / factor, frame.height / factor);
     let middle = |x: usize| x * factor + factor / 2;
     let sample = |image: &Rgb| Rgb::from_fn(width, height, |x, y| *image.at(middle(x), middle(y)));
-    let mean = |x: usize, y: usize, value: &dyn Fn(usize, usize) -> f32| {
-        let cells = (0..factor * factor).map(|i| value(x * factor + i % factor, y * factor + i / factor));
-        cells.sum::<f32>() / (factor * factor) as f32
-    };
     Frame {
         width,
         height,
-        beauty: frame
-            .beauty
-            .as_ref()
-            .map(|image| Rgb::from_fn(width, height, |x, y| [0, 1, 2].map(|c| mean(x, y, &|x, y| image.at(x, y)[c])))),
-        alpha: Image::from_fn(width, height, |x, y| mean(x, y, &|x, y| *frame.alpha.at(x, y))),
+        beauty: frame.beauty.as_ref().map(|image| reduce_radiance(image, factor)),
+        alpha: Image::from_fn(width, height, |x, y| mean(factor, x, y, |x, y| *frame.alpha.at(x, y))),
         albedo: sample(&frame.albedo),
         normal: sample(&frame.normal),
         depth: Image::from_fn(width, height, |x, y| *frame.depth.at(middle(x), middle(y))),

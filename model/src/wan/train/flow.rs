@@ -58,20 +58,33 @@ impl Objective for FlowObjective {
 }
 
 impl FlowObjective {
+    /// Pictures from normalised latents, clamped to -1..=1.
+    fn decode(&self, latents: Tensor<5>) -> Result<Tensor<5>> {
+        Ok(self.vae.decode(self.vae.denormalise(latents))?.clamp(-1.0, 1.0))
+    }
+
     /// Decodes a window of the latents and adds the losses of its pictures.
     fn add_pixel_losses(&self, sum: &mut LossSum, latents: Tensor<5>, intrinsic: Option<Intrinsic>, truth: &Truth) -> Result<()> {
         let device = latents.device();
+        let shape = latents.dims();
         let window = latents.narrow(3, truth.top, truth.size[0]).narrow(4, truth.left, truth.size[1]);
-        let decoded = self.vae.decode(self.vae.denormalise(window))?.clamp(-1.0, 1.0);
-        let [b, _, f, h, w] = decoded.dims();
+        let mut decoded = self.decode(window)?;
+        let size = decoded.dims();
+        let [b, _, f, h, w] = size;
         let tensor = |values: &[f32], channels: usize| -> Result<Tensor<5>> {
             if values.len() != b * channels * f * h * w {
-                let reason = format!("{} values of truth beside {:?} predicted", values.len(), decoded.dims());
+                let reason = format!("{} values of truth beside {size:?} predicted", values.len());
                 return Err(Error::Data { place: "training data".into(), reason });
             }
             Ok(Tensor::from_data(TensorData::new(values.to_vec(), [b, channels, f, h, w]), &device))
         };
         let (pictures, masks) = (tensor(&truth.pictures, 3)?, tensor(&truth.masks, 1)?);
+        if let Some(start) = &truth.start {
+            let mut shape = shape;
+            [shape[3], shape[4]] = truth.size;
+            let latents = Tensor::from_data(TensorData::new(start.latents.clone(), shape), &device);
+            decoded = decoded + tensor(&start.pictures, 3)? - self.decode(latents)?;
+        }
         let weight = self.pixels.weight;
         let lpips = |a: Tensor<5>, b: Tensor<5>| self.lpips.as_ref().map(|lpips| lpips.loss(frames(a), frames(b))).transpose();
         match intrinsic {

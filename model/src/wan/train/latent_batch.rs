@@ -38,6 +38,17 @@ pub struct Truth {
     pub pictures: Vec<f32>,
     /// `[items, 1, frames, rows, columns]`.
     pub masks: Vec<f32>,
+    /// Where the bridge begins, if the autoencoder codes the change of the start.
+    pub start: Option<Start>,
+}
+
+/// The window of pictures that a bridge begins with.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Start {
+    /// As [`Truth::pictures`].
+    pub pictures: Vec<f32>,
+    /// Their latents, `[items, channels, latent frames, rows, columns]`.
+    pub latents: Vec<f32>,
 }
 
 /// One batch in the host's memory.
@@ -153,7 +164,8 @@ impl BatchSampler<'_> {
         if self.decodes(step) {
             let window = self.latents.pixels.window.min(side);
             let [top, left] = [(); 2].map(|()| rng.random_range(0..=side - window));
-            batch.truth = Some(Truth { top, left, size: [window; 2], ..Truth::default() });
+            let start = self.network.bridge_start.is_coded_as_change().then(Start::default);
+            batch.truth = Some(Truth { top, left, size: [window; 2], start, ..Truth::default() });
         }
         for i in 0..kind.items {
             let item = items[rng.random_range(0..items.len())];
@@ -184,6 +196,12 @@ impl BatchSampler<'_> {
                 let compared = intrinsic.map_or(Kind::Target, kind_of);
                 truth.pictures.extend(clip.pictures.clip(index, kind.frames, compared, pixels));
                 truth.masks.extend(clip.pictures.masks(index, kind.frames, pixels));
+                if let Some(start) = &mut truth.start {
+                    start.pictures.extend(clip.pictures.clip(index, kind.frames, Kind::Albedo, pixels));
+                    let latents =
+                        Window { top: top + truth.top, left: left + truth.left, height: truth.size[0], width: truth.size[1] };
+                    clip.read(item.frame, frames, Kind::Albedo, latents, &mut start.latents);
+                }
             }
         }
         Ok(batch)

@@ -21,12 +21,12 @@ mod round_trip;
 
 pub use config::{AutoencoderLoss, BatchConfig, Config, LatentConfig, PixelLoss, Stage};
 pub use preset::StageName;
-pub use round_trip::{RoundTrip, round_trip};
+pub use round_trip::{Measured, RoundTrip, round_trip};
 
 use super::config::VaeConfig;
 use super::flow::{Flow, FlowConfig, Group};
 use super::names::{Named, Naming};
-use super::pictures::Kind;
+use super::pictures::{BridgeStart, Kind};
 use super::vae::Vae;
 use super::weights::{self, Header, Network, Provenance, Source};
 use crate::data::{Clip, ClipSource, step_rng};
@@ -75,6 +75,24 @@ pub fn run(config: &Config, source: &dyn ClipSource, context: RunContext) -> Res
             let (group, task) = (Group::Inverse, Task::Invert);
             run.adapter(base, add, FlowStage { group, task, latents, latent_weight: *latent, albedo_lpips: *lpips })
         }
+    }
+}
+
+/// What the bridge of the renderer begins with that a run trains; `None` if it trains an autoencoder.
+///
+/// # Errors
+/// When the weights that the run starts with cannot be read.
+pub fn bridge_start(config: &Config) -> Result<Option<BridgeStart>> {
+    let stored = |path: &Path| -> Result<Option<BridgeStart>> {
+        let header = Source::open(path)?.header()?;
+        Ok(header.and_then(|header| if let Network::WanFlow(config) = header.network { Some(config.bridge_start) } else { None }))
+    };
+    match &config.stage {
+        Stage::Autoencoder { .. } => Ok(None),
+        Stage::Base { network, start, .. } => {
+            Ok(start.as_deref().map(stored).transpose()?.flatten().or(Some(network.bridge_start)))
+        }
+        Stage::Keyframes { base, .. } | Stage::Inverse { base, .. } => stored(base),
     }
 }
 
@@ -189,6 +207,7 @@ impl Run<'_> {
             references: latents.reference_probability > 0.0 && task != Task::Invert,
             pictures: match task {
                 _ if !decodes => &[],
+                Task::Render { .. } if network.bridge_start.is_coded_as_change() => &[Kind::Target, Kind::Albedo],
                 Task::Render { .. } => &[Kind::Target],
                 Task::Invert => &[Kind::Albedo, Kind::Normal, Kind::Depth, Kind::Material],
             },

@@ -103,7 +103,7 @@ impl<'a> ClipSession<'a> {
             return Err(broken(reason));
         }
         let mut pictures = Pictures::new(frame, light, environment, self.bounds)?;
-        pictures = pictures.starting(self.renderer.config().bridge_start, frame, light);
+        pictures = pictures.starting(self.renderer.config().bridge_start, frame, light, view.shaded)?;
         pictures.target = None;
         Ok(FrameInputs { number: view.number, index: view.index, camera: frame.info.camera, pictures })
     }
@@ -184,12 +184,19 @@ impl<'a> ClipSession<'a> {
         1 + (frames - 1).next_multiple_of(self.renderer.config().vae.temporal_factor())
     }
 
-    /// Latents of the next clip for a kind of picture. The last frame is repeated up to `count` frames.
-    fn encode(&mut self, kind: Kind, size: Size, count: usize) -> Result<Tensor<5>> {
+    /// The pictures of the next clip. The last one is repeated up to `count` pictures, at least 1.
+    fn padded_pictures(&self, kind: Kind, count: usize) -> Result<Vec<&[f32]>> {
         let inputs = self.last.iter().map(|(frame, _)| frame).chain(&self.waiting);
         let mut frames: Vec<&[f32]> = inputs.map(|frame| frame.pictures.of(kind)).collect();
         let Some(&last) = frames.last() else { return Err(broken("is missing".into())) };
         frames.resize(count, last);
+        Ok(frames)
+    }
+
+    /// Latents of the next clip for a kind of picture. The last frame is repeated up to `count` frames.
+    fn encode(&mut self, kind: Kind, size: Size, count: usize) -> Result<Tensor<5>> {
+        let frames = self.padded_pictures(kind, count)?;
+        let last = frames[count - 1];
         let changes = frames.iter().any(|frame| *frame != last);
         let known = |still: &&UnchangedClip| still.kind == kind && still.frames == count && still.picture == last;
         if let Some(still) = self.unchanged.iter().find(|still| !changes && known(still)) {
@@ -210,10 +217,10 @@ impl<'a> ClipSession<'a> {
     fn render(&mut self, size: Size, keyframes: Vec<KeyframeLatent>) -> Result<Vec<f32>> {
         let (renderer, device) = (self.renderer, &self.renderer.device);
         let count = self.padded(usize::from(self.last.is_some()) + self.waiting.len());
-        let albedo = self.encode(Kind::Albedo, size, count)?;
+        let start = self.encode(Kind::Albedo, size, count)?;
         let (mut z, condition) = match renderer.config().bridge_start {
-            BridgeStart::Noise => (self.noise(&albedo), Some(albedo)),
-            BridgeStart::Albedo | BridgeStart::Lit => (albedo, None),
+            BridgeStart::Noise => (self.noise(&start), Some(start.clone())),
+            BridgeStart::Albedo | BridgeStart::Lit | BridgeStart::Deferred => (start.clone(), None),
         };
         let grey = match &self.grey {
             Some((frames, grey)) if *frames == count => grey.clone(),
@@ -249,7 +256,12 @@ impl<'a> ClipSession<'a> {
             let velocity = renderer.flow.velocity(z.clone(), &[t], &conditions)?;
             z = z + velocity * (1.0 / steps as f64);
         }
-        let values = read(renderer.decode(z)?)?;
+        let mut pictures = renderer.decode(z)?;
+        if renderer.config().bridge_start.is_coded_as_change() {
+            let begun = size.clip(&self.padded_pictures(Kind::Albedo, count)?, device);
+            pictures = (pictures + begun - renderer.decode(start)?).clamp(-1.0, 1.0);
+        }
+        let values = read(pictures)?;
         all_finite(&values)?;
         Ok(values)
     }

@@ -13,6 +13,7 @@ mod pixels;
 pub use clips::ClipSession;
 
 use super::flow::{Flow, FlowConfig, mask_cells};
+use super::pictures::BridgeStart;
 use super::vae::{Tiling, Vae};
 use super::weights::{Header, Source};
 use crate::device::NetworkDevice;
@@ -146,7 +147,8 @@ impl Renderer for WanRenderer {
     fn about(&self) -> About {
         let header = serde_json::to_string(&self.header).unwrap_or_default();
         let clip = 1 + self.config().vae.temporal_factor();
-        About { name: "wan", header, keyframes: self.config().keyframes.is_some(), hdr: false, clip }
+        let (keyframes, shaded) = (self.config().keyframes.is_some(), self.config().bridge_start == BridgeStart::Deferred);
+        About { name: "wan", header, keyframes, hdr: false, shaded, clip }
     }
 
     fn begin<'a>(&'a self, sequence: &'a dyn Sequence, options: Options) -> Result<Box<dyn Session + 'a>> {

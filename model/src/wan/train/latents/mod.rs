@@ -109,11 +109,14 @@ impl Encoder<'_> {
     fn at_size(&self, clip: &Clip, size: usize) -> Result<ClipLatents> {
         let pictures = ClipPictures::starting(self.start, clip, Some(size), size, self.multiple)?;
         let file = self.store.as_ref().map(|store| {
-            let whether = [self.stills, self.clips, self.references, self.start == BridgeStart::Lit].map(usize::from);
-            // Files of other starts keep the names that they had before there was a choice.
-            let counted = 3 + whether[3];
-            let settings: Vec<usize> =
-                [pictures.width, pictures.height].into_iter().chain(whether[..counted].iter().copied()).collect();
+            let mut settings = vec![pictures.width, pictures.height];
+            settings.extend([self.stills, self.clips, self.references].map(usize::from));
+            // Files with the albedo keep the names that they had before there was a choice.
+            settings.extend(match self.start {
+                BridgeStart::Albedo | BridgeStart::Noise => None,
+                BridgeStart::Lit => Some(1),
+                BridgeStart::Deferred => Some(2),
+            });
             store.file(clip, &settings)
         });
         let mut latents = match file.as_deref().map(store::read).transpose()?.flatten() {

@@ -57,6 +57,7 @@ impl Store {
             [&frame.albedo, &frame.normal, &frame.material].into_iter().for_each(|image| pixels(&image.pixels));
             frame.beauty.iter().for_each(|image| pixels(&image.pixels));
         }
+        clip.shaded.iter().for_each(|image| pixels(&image.pixels));
         for frame in &clip.frames {
             frame.depth.pixels.iter().for_each(|v| v.to_bits().hash(&mut hasher));
         }
