@@ -32,7 +32,8 @@ impl Clip {
             return Err(self.broken(format!("{frames} frames with {numbers} numbers")));
         }
         let fits = |(shaded, frame): (&Rgb, &Frame)| (shaded.width, shaded.height) == (frame.width, frame.height);
-        if !self.shaded.is_empty() && !(self.shaded.len() == frames && self.shaded.iter().zip(&self.frames).all(fits)) {
+        let all_fit = self.shaded.len() == frames && self.shaded.iter().zip(&self.frames).all(fits);
+        if !self.shaded.is_empty() && !all_fit {
             return Err(self.broken("the pictures by deferred shading are not of its frames".into()));
         }
         let exposure = self.light.exposure();

@@ -375,7 +375,7 @@ mod tests {
     use super::*;
     use crate::dataset::plan::Counts;
 
-    const RUNS: [Run; 15] = [
+    const RUNS: [Run; 16] = [
         Run::Autoencoder,
         Run::Base,
         Run::Variant(Variant::UniformSde),
