@@ -347,6 +347,18 @@ fn the_bridge_begins_with_deferred_shading(folder: &Path, data: &Path, weights: 
     std::fs::remove_file(pictures.join("seq-000000/frame.0005.exr")).unwrap();
     infer(&[]);
     assert!(files(&pictures) == before, "a resumed run makes other pictures");
+    // Each file shows its own frame.
+    let sequence = Sequence::open(&data.join("seq-000000")).unwrap();
+    let error = |made: usize, truth: usize| {
+        let path = pictures.join(format!("seq-000000/frame.{made:04}.exr"));
+        let (made, truth) = (frame_file::read(&path).unwrap().beauty.unwrap(), sequence.frame(truth).unwrap().beauty.unwrap());
+        let display = |pixel: [f32; 3]| color::display(pixel, sequence.exposure());
+        let pairs = made.pixels.iter().zip(&truth.pixels).map(|(a, b)| (display(*a), display(*b)));
+        pairs.map(|(a, b)| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2)).sum::<f32>()
+    };
+    for (own, other) in [(0, FRAMES - 1), (FRAMES - 1, 0)] {
+        assert!(error(own, own) < error(own, other), "frame {own}: {} and {}", error(own, own), error(own, other));
+    }
     // Without the scene there is nothing to begin with.
     let bare = folder.join("bare");
     copy(&data.join("seq-000000"), &bare.join("seq-000000"));
