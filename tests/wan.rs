@@ -359,11 +359,17 @@ fn the_bridge_begins_with_deferred_shading(folder: &Path, data: &Path, weights: 
     for (own, other) in [(0, FRAMES - 1), (FRAMES - 1, 0)] {
         assert!(error(own, own) < error(own, other), "frame {own}: {} and {}", error(own, own), error(own, other));
     }
-    // Without the scene there is nothing to begin with.
+    // Another scene is not shaded, and without a scene there is nothing to begin with.
     let bare = folder.join("bare");
     copy(&data.join("seq-000000"), &bare.join("seq-000000"));
-    std::fs::remove_file(bare.join("seq-000000/scene.json")).unwrap();
+    let scene = bare.join("seq-000000/scene.json");
+    let mut other: Value = serde_json::from_slice(&std::fs::read(&scene).unwrap()).unwrap();
+    other["seed"] = json!(12345);
+    std::fs::write(&scene, other.to_string()).unwrap();
     let without = ["--data", text(&bare), "--weights", text(&network), "--vae", text(&weights.vae)];
+    let said = fail(&[&["infer", "--out", text(&folder.join("infer/other"))][..], &without].concat());
+    assert!(said.contains("frame 0 is of another scene than scene.json"), "{said}");
+    std::fs::remove_file(&scene).unwrap();
     let said = fail(&[&["infer", "--out", text(&folder.join("infer/bare"))][..], &without].concat());
     assert!(said.contains("begins with deferred shading"), "{said}");
 }

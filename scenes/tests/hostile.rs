@@ -50,31 +50,11 @@ fn a_jpeg_cut_off_behind_a_large_header_is_refused() {
     assert!(error.contains("t.jpg: 16384 x 16384 is more than 67108864 texels"), "{error}");
 }
 
-/// A JPEG (ITU T.81, B.2) of three components, the second twice as wide as the others, with a scan of the first one alone.
-fn jpeg_of_one_component_of_three() -> Vec<u8> {
-    let mut bytes = vec![0xff, 0xd8];
-    let mut segment = |marker: u8, content: &[u8]| {
-        bytes.extend([0xff, marker]);
-        bytes.extend((content.len() as u16 + 2).to_be_bytes());
-        bytes.extend(content);
-    };
-    segment(0xc0, &[8, 0, 5, 0, 9, 3, 1, 0x11, 0, 0, 0x21, 0, 0, 0x11, 0]);
-    segment(0xdb, &[0; 65]);
-    let codes = |class: u8, lengths: [u8; 16]| {
-        let count = lengths.iter().map(|&n| usize::from(n)).sum();
-        [vec![class], lengths.to_vec(), vec![0; count]].concat()
-    };
-    segment(0xc4, &codes(0, [0, 1, 5, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0]));
-    segment(0xc4, &codes(0x10, [0, 2, 1, 3, 3, 2, 4, 3, 5, 5, 4, 4, 0, 0, 1, 0x7d]));
-    segment(0xda, &[1, 1, 0, 0, 0, 0]);
-    bytes.extend([0, 0]);
-    bytes
-}
-
-/// The decoder panics at this file.
+/// A JPEG (ITU T.81, B.2) of three components, the second twice as wide as the others, with a scan of the first one alone: its
+/// decoder panics.
 #[test]
 fn a_jpeg_that_its_decoder_cannot_survive_is_refused() {
-    let error = texture_error(&jpeg_of_one_component_of_three());
+    let error = texture_error(include_bytes!("../../fuzz/seeds/texture/one_component_of_three.jpg"));
     assert!(error.contains("t.jpg: damaged image data"), "{error}");
 }
 

@@ -29,8 +29,8 @@ const STATE: &str = "stopped.safetensors";
 
 /// Renders every frame of sequence folders with a network: from deferred shading, from keyframes, from a few samples that are
 /// traced for it, or from all of them. The scene of each sequence must be beside its frames, as in datasets. The paper's network
-/// (--weights) only reads G-buffers and keyframes, and works in clips of five frames that overlap by one, unless --stills is
-/// given. If it was stopped, the same command continues.
+/// (--weights) only reads G-buffers and keyframes, and deferred shading if it was trained to begin with it. It works in clips of
+/// five frames that overlap by one, unless --stills is given. If it was stopped, the same command continues.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow infer --data data/test/seq-000009 --keyframes -o neural\n  \
 renderflow infer --data data/test --rays 4 --neighbours around -o neural-rays\n  \
@@ -293,7 +293,7 @@ impl Work<'_> {
             Some((index, state)) => {
                 let frame = self.sequence.frame(index)?;
                 let number = self.sequence.numbers[index];
-                let shaded = shading.as_mut().map(|shading| shading.picture(number)).transpose()?;
+                let shaded = shading.as_mut().map(|shading| shading.picture(number, &frame)).transpose()?;
                 session.resume(View { number, index, frame: &frame, shaded: shaded.as_ref() }, state)?;
                 index + 1
             }
@@ -335,7 +335,7 @@ impl Work<'_> {
         self.cancel.check()?;
         let frame = self.sequence.frame(index)?;
         let number = self.sequence.numbers[index];
-        let shaded = shading.as_mut().map(|shading| shading.picture(number)).transpose()?;
+        let shaded = shading.as_mut().map(|shading| shading.picture(number, &frame)).transpose()?;
         let rendered = session.push(View { number, index, frame: &frame, shaded: shaded.as_ref() })?;
         self.write(rendered)
     }

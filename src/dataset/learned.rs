@@ -136,7 +136,12 @@ impl Dataset {
         if let Some(allowed) = &self.shaded {
             self.check_scene(index)?;
             let mut shading = Shading::new(sequence, allowed)?;
-            shaded = sequence.numbers.iter().map(|&number| shading.picture(number)).collect::<Result<_>>()?;
+            shaded = sequence
+                .numbers
+                .iter()
+                .zip(&frames)
+                .map(|(&number, frame)| shading.picture(number, frame))
+                .collect::<Result<_>>()?;
         }
         Ok(Clip {
             name: sequence.name.clone(),

@@ -1,7 +1,8 @@
 //! Deferred shading of the frames of a sequence, for networks that begin with it.
 
 use super::sequence::Sequence;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
+use renderflow_frame::Frame;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
 use renderflow_renderer::deferred::{self, Lighting, Options, ShadowTiles};
@@ -14,6 +15,8 @@ use std::sync::Arc;
 /// The scene of a sequence, ready to be shaded.
 pub struct Shading {
     scene: RenderScene,
+    /// Of the scene's description.
+    hash: String,
     lighting: Lighting,
     /// The shadow tiles of the frames so far.
     tiles: ShadowTiles,
@@ -29,14 +32,15 @@ impl Shading {
         let scene = Scene::read(&file).context("the network begins with deferred shading, which needs the scene")?;
         let loaded = load::load(&scene, &Reach::of(&file).allow(allowed)).with_context(|| file.display().to_string())?;
         let lighting = Lighting::new(Arc::clone(sequence.light()?), deferred::LIGHTS);
-        Ok(Self { scene: RenderScene::compile(&loaded)?, lighting, tiles: ShadowTiles::default() })
+        Ok(Self { scene: RenderScene::compile(&loaded)?, hash: loaded.hash, lighting, tiles: ShadowTiles::default() })
     }
 
-    /// Frame `number` of the sequence as scene-linear radiance.
+    /// Frame `number` of the sequence, which is stored as `stored`, as scene-linear radiance.
     ///
     /// # Errors
-    /// When the frame cannot be rendered.
-    pub fn picture(&mut self, number: usize) -> Result<Rgb> {
+    /// When the stored frame is of another scene, and when the frame cannot be rendered.
+    pub fn picture(&mut self, number: usize, stored: &Frame) -> Result<Rgb> {
+        ensure!(stored.info.scene_hash == self.hash, "frame {number} is of another scene than scene.json");
         self.scene.set_frame(number);
         let frame = render_gbuffer(&self.scene, &Settings::default())?;
         let shadows = self.tiles.maps(&self.scene, &self.lighting, &frame);

@@ -36,7 +36,7 @@ pub struct Options {
     /// Clips of each sequence, from its first frame on
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     clips: u32,
-    /// Also measure the truth when it is coded as a change of deferred shading, and deferred shading itself. This needs the scenes
+    /// Also measure the truth coded as a change of deferred shading, and deferred shading itself; this needs the scenes
     #[arg(long)]
     deferred: bool,
     /// Folder for the results

@@ -274,8 +274,8 @@ impl<'a> MethodRenderer<'a> {
         Ok(Some(made))
     }
 
-    /// The frame by deferred shading and the seconds of that, if the paper's network begins with it. `maps` are the shadow maps of
-    /// the frame, if it is its turn.
+    /// The frame by deferred shading and the seconds of that, if the paper's network begins with it. `maps` are the shadow maps
+    /// of the frame, if it is its turn.
     fn shaded(&self, frame: &Frame, maps: Option<&Maps>) -> Result<Option<(Rgb, f64)>> {
         let Some(baseline) = self.baseline.as_ref().filter(|_| self.options.begins_shaded()) else { return Ok(None) };
         match maps {

@@ -261,6 +261,14 @@ mod tests {
         assert_eq!(bright(77).0, (24, 16));
     }
 
+    /// The decoder panics at this file.
+    #[test]
+    fn a_photo_that_its_decoder_cannot_survive_is_refused() {
+        let bytes = include_bytes!("../../fuzz/seeds/texture/one_component_of_three.jpg");
+        let error = decode(Path::new("photo.jpg"), bytes, None).unwrap_err().to_string();
+        assert_eq!(error, "photo.jpg: damaged image data");
+    }
+
     #[test]
     fn an_animation_holds_each_picture() {
         use image::AnimationDecoder;

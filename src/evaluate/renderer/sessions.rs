@@ -64,8 +64,8 @@ impl<'a> NetworkSessions<'a> {
         (self.next < self.sequence.len() && self.networks.iter().any(waits)).then_some(self.next)
     }
 
-    /// Gives the frame to the networks that work in clips. `shaded` is its picture by deferred shading and the seconds of that, if
-    /// the networks begin with it.
+    /// Gives the frame to the networks that work in clips. `shaded` is its picture by deferred shading and the seconds of that,
+    /// if the networks begin with it.
     pub fn push(&mut self, index: usize, frame: &Frame, shaded: Option<&(Rgb, f64)>) -> Result<()> {
         self.next = index + 1;
         let last = self.next == self.sequence.len();

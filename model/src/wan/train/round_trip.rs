@@ -30,9 +30,9 @@ pub struct RoundTrip {
 }
 
 /// Encodes and decodes clips of `frames` consecutive frames, at most `most` for each sequence of `source`. `frames` is 1 for
-/// single pictures; training and rendering of videos use clips of 5 frames with Wan's autoencoder. If the clips come with deferred
-/// shading, what begins with it is measured too. `done` is called after each
-/// sequence with the number of sequences so far; its error ends the work.
+/// single pictures; training and rendering of videos use clips of 5 frames with Wan's autoencoder. If the clips come with
+/// deferred shading, what begins with it is measured too. `done` is called after each sequence with the number of sequences so
+/// far; its error ends the work.
 ///
 /// # Errors
 /// When `done` fails, when a clip cannot be used, when no sequence has that many frames in a row, or when the autoencoder cannot
