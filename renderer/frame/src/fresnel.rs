@@ -53,8 +53,14 @@ fn exact(excess: f32, cos: f32) -> f32 {
 /// The four functions at a cosine 0..=1: Schlick's weight, and `W` of `f0` = 0.001, 0.008, 0.04.
 #[inline]
 pub fn basis(cos: f32) -> Vec4 {
+    Vec4::from_array(basis_numbers(cos))
+}
+
+/// [`basis`] as numbers, for loops over many cosines.
+#[inline(always)]
+pub fn basis_numbers(cos: f32) -> [f32; 4] {
     let [a, b, c] = BASIS.map(|[f0, excess]| (exact(excess, cos) - f0) / (1.0 - f0));
-    Vec4::new(schlick_weight(cos), a, b, c).max(Vec4::ZERO)
+    [schlick_weight(cos), a, b, c].map(|weight| weight.max(0.0))
 }
 
 /// The surface of a dielectric in air.

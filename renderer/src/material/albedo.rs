@@ -6,6 +6,8 @@
 //! (cosine, roughness) only.
 
 use super::ggx::{Ggx, MIN_ALPHA};
+use crate::angle::sin_cos_turns;
+use crate::simd;
 use glam::{DVec4, Vec3A, Vec4};
 use renderflow_frame::fresnel::{self, Dielectric, schlick_weight};
 use std::sync::OnceLock;
@@ -238,28 +240,32 @@ impl Table {
             let row = cosines.map(|cos| integrate(&ggx, cos));
             (row, cosines, moments(&row, &cosines, abscissa))
         };
-        // Not rayon's threads: a worker that waits here would pick up a tile, come back for the table and wait for itself. They
-        // all wait for this table at first, 50 ms if one makes it, so that their processors are free.
-        let threads = std::thread::available_parallelism().map_or(1, |n| n.get()).min(rayon::current_num_threads()).min(8);
-        let part = |k: usize| (k..ROUGHNESSES).step_by(threads).map(row).collect::<Vec<_>>();
-        let parts: Vec<Vec<_>> = std::thread::scope(|scope| {
-            let helpers: Vec<_> =
-                (1..threads).map(|k| std::thread::Builder::new().spawn_scoped(scope, move || part(k)).ok()).collect();
-            let first = part(0);
-            // A thread that could not be had: its part is made here.
-            let join = |(k, helper): (usize, Option<std::thread::ScopedJoinHandle<'_, _>>)| {
-                helper.and_then(|helper| helper.join().ok()).unwrap_or_else(|| part(k))
-            };
-            std::iter::once(first).chain((1..).zip(helpers).map(join)).collect()
-        });
-        for i in 0..ROUGHNESSES {
-            let (row, cosines, moments) = parts[i % threads][i / threads];
+        for (row, cosines, moments) in on_threads(ROUGHNESSES, row) {
             table.nodes.push(row);
             table.cosines.push(cosines);
             table.moments.push(moments);
         }
         table
     }
+}
+
+/// `make` of the numbers below `count`, on threads of its own. Not rayon's: a worker that waits here would pick up a tile, come
+/// back for the table and wait for itself. Its workers all wait for this table at first, so that their processors are free.
+pub(super) fn on_threads<T: Send>(count: usize, make: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get()).min(rayon::current_num_threads()).min(8);
+    let part = |k: usize| (k..count).step_by(threads).map(&make).collect::<Vec<_>>();
+    let part = &part;
+    let mut parts: Vec<_> = std::thread::scope(|scope| {
+        let helpers: Vec<_> =
+            (1..threads).map(|k| std::thread::Builder::new().spawn_scoped(scope, move || part(k)).ok()).collect();
+        let first = part(0);
+        // A thread that could not be had: its part is made here.
+        let join = |(k, helper): (usize, Option<std::thread::ScopedJoinHandle<'_, _>>)| {
+            helper.and_then(|helper| helper.join().ok()).unwrap_or_else(|| part(k))
+        };
+        std::iter::once(first).chain((1..).zip(helpers).map(join)).map(Vec::into_iter).collect()
+    });
+    (0..count).filter_map(|i| parts[i % threads].next()).collect()
 }
 
 /// Albedo for an isotropic surface.
@@ -273,33 +279,88 @@ fn integrate(ggx: &Ggx<false>, cos: f32) -> Albedo {
 /// `e` and the four `b`. Midpoint rule over visible normals: the mean of `G2 / G1` is the albedo. `turn` is the share of a turn
 /// of azimuths that stands for all of them (0.5 where the two halves mirror each other).
 pub(super) fn integrate_view<const A: bool>(ggx: &Ggx<A>, wo: Vec3A, turn: f32, strata: [usize; 2]) -> (f32, Vec4) {
-    let (mut e, mut parts) = (0.0_f64, DVec4::ZERO);
-    // Draws of a lobe much wider along x than along y turn within a narrow range of azimuths about y: finer there. The warp is
-    // (cos, sin) -> (stretch cos, sin), normalised.
-    let stretch = ggx.stretch();
-    let azimuths: Vec<(f32, f32)> = (0..strata[1])
-        .map(|j| {
-            let (sin, cos) = (std::f32::consts::TAU * turn * (j as f32 + 0.5) / strata[1] as f32).sin_cos();
-            let u = sin.atan2(stretch * cos) / std::f32::consts::TAU;
-            (u - u.floor(), stretch / (stretch * stretch * cos * cos + sin * sin))
-        })
-        .collect();
-    for i in 0..strata[0] {
-        // Finer towards u = 1, where the mirrored directions meet the horizon: equal strata err by half of one there.
-        let s = (i as f32 + 0.5) / strata[0] as f32;
-        // Facets of a lobe wider than 1 reflect upwards only where u is small.
-        let (u, weight) = if A { ((1.0 - s * s).powi(2), 4.0 * s * (1.0 - s * s)) } else { (1.0 - s * s, 2.0 * s) };
-        for &(azimuth, share) in &azimuths {
-            let u = [u, azimuth];
-            if let Some(wi) = ggx.sample(wo, u).filter(|wi| wi.z > 0.0) {
-                let weight = weight * share * ggx.masking_ratio(wo, wi);
-                e += f64::from(weight);
-                parts += (weight * fresnel::basis(0.5 * (wo + wi).length())).as_dvec4();
+    simd::run(View { ggx, wo, turn, strata })
+}
+
+/// The arguments of [`integrate_view`].
+struct View<'a, const A: bool> {
+    ggx: &'a Ggx<A>,
+    wo: Vec3A,
+    turn: f32,
+    strata: [usize; 2],
+}
+
+impl<const A: bool> simd::Work for View<'_, A> {
+    type Output = (f32, Vec4);
+    #[inline(always)]
+    fn run(self) -> (f32, Vec4) {
+        self.integrate()
+    }
+}
+
+/// Azimuths that are integrated together.
+const LANES: usize = 16;
+
+/// Azimuths: sine and cosine of each draw, and its weight; 0 beyond the last one.
+#[derive(Clone, Copy, Default)]
+struct Azimuths {
+    sin: [f32; LANES],
+    cos: [f32; LANES],
+    share: [f32; LANES],
+}
+
+impl<const A: bool> View<'_, A> {
+    #[inline(always)]
+    fn integrate(self) -> (f32, Vec4) {
+        let Self { ggx, wo, strata, .. } = self;
+        let azimuths = self.azimuths();
+        let caps = ggx.caps(wo);
+        let (mut e, mut parts) = (0.0_f64, DVec4::ZERO);
+        for i in 0..strata[0] {
+            // Finer towards u = 1, where the mirrored directions meet the horizon: equal strata err by half of one there.
+            let s = (i as f32 + 0.5) / strata[0] as f32;
+            // Facets of a lobe wider than 1 reflect upwards only where u is small.
+            let (u, weight) = if A { ((1.0 - s * s).powi(2), 4.0 * s * (1.0 - s * s)) } else { (1.0 - s * s, 2.0 * s) };
+            let ring = caps.ring(u);
+            for Azimuths { sin, cos, share } in &azimuths {
+                let mut sums = [[0.0; LANES]; 5];
+                for lane in 0..LANES {
+                    let [x, y, z] = ggx.mirrored(wo, &caps, ring, (sin[lane], cos[lane]));
+                    let own = weight * share[lane] * ggx.masking_ratio(wo, Vec3A::new(x, y, z));
+                    let (hx, hy, hz) = (wo.x + x, wo.y + y, wo.z + z);
+                    let basis = fresnel::basis_numbers(0.5 * (hx * hx + hy * hy + hz * hz).sqrt());
+                    let up = z > 0.0;
+                    sums[0][lane] = if up { own } else { 0.0 };
+                    for (sum, value) in sums[1..].iter_mut().zip(basis) {
+                        sum[lane] = if up { own * value } else { 0.0 };
+                    }
+                }
+                for lane in 0..LANES {
+                    let [whole, a, b, c, d] = [sums[0][lane], sums[1][lane], sums[2][lane], sums[3][lane], sums[4][lane]];
+                    e += f64::from(whole);
+                    parts += Vec4::new(a, b, c, d).as_dvec4();
+                }
             }
         }
+        let n = (strata[0] * strata[1]) as f64;
+        ((e / n).min(1.0) as f32, (parts / n).min(DVec4::ONE).as_vec4())
     }
-    let n = (strata[0] * strata[1]) as f64;
-    ((e / n).min(1.0) as f32, (parts / n).min(DVec4::ONE).as_vec4())
+
+    /// Draws of a lobe much wider along x than along y turn within a narrow range of azimuths about y: they are finer there. The
+    /// warp is (cos, sin) -> (stretch cos, sin), normalised.
+    #[inline(always)]
+    fn azimuths(&self) -> Vec<Azimuths> {
+        let (stretch, count) = (self.ggx.stretch(), self.strata[1]);
+        let mut azimuths = vec![Azimuths::default(); count.div_ceil(LANES)];
+        for j in 0..count {
+            let (sin, cos) = (std::f32::consts::TAU * self.turn * (j as f32 + 0.5) / count as f32).sin_cos();
+            let u = sin.atan2(stretch * cos) / std::f32::consts::TAU;
+            let (to, lane) = (&mut azimuths[j / LANES], j % LANES);
+            (to.sin[lane], to.cos[lane]) = sin_cos_turns(u - u.floor());
+            to.share[lane] = stretch / (stretch * stretch * cos * cos + sin * sin);
+        }
+        azimuths
+    }
 }
 
 /// Five-point Gauss rule on 0..1.
@@ -342,6 +403,46 @@ fn moments(row: &[Albedo; COSINES], cosines: &[f32; COSINES], abscissa: Abscissa
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::material::ggx::alpha_xy;
+
+    /// One draw after the other, each by the lobe's own functions.
+    fn one_by_one<const A: bool>(ggx: &Ggx<A>, wo: Vec3A, turn: f32, strata: [usize; 2]) -> (f32, Vec4) {
+        let (mut e, mut parts, stretch) = (0.0_f64, DVec4::ZERO, ggx.stretch());
+        for i in 0..strata[0] {
+            let s = (i as f32 + 0.5) / strata[0] as f32;
+            let (u, weight) = if A { ((1.0 - s * s).powi(2), 4.0 * s * (1.0 - s * s)) } else { (1.0 - s * s, 2.0 * s) };
+            for j in 0..strata[1] {
+                let (sin, cos) = (std::f32::consts::TAU * turn * (j as f32 + 0.5) / strata[1] as f32).sin_cos();
+                let azimuth = sin.atan2(stretch * cos) / std::f32::consts::TAU;
+                let share = stretch / (stretch * stretch * cos * cos + sin * sin);
+                if let Some(wi) = ggx.sample(wo, [u, azimuth - azimuth.floor()]).filter(|wi| wi.z > 0.0) {
+                    let weight = weight * share * ggx.masking_ratio(wo, wi);
+                    e += f64::from(weight);
+                    parts += (weight * fresnel::basis(0.5 * (wo + wi).length())).as_dvec4();
+                }
+            }
+        }
+        let n = (strata[0] * strata[1]) as f64;
+        ((e / n).min(1.0) as f32, (parts / n).min(DVec4::ONE).as_vec4())
+    }
+
+    #[test]
+    fn sixteen_azimuths_together_give_the_bits_of_one_by_one() {
+        let bits = |(e, parts): (f32, Vec4)| (e.to_bits(), parts.to_array().map(f32::to_bits));
+        for roughness in [0.0, 0.1, 0.4, 0.8, 1.0] {
+            for cos in [1e-6, 0.01, 0.3, 0.9, 1.0_f32] {
+                let wo = Vec3A::new(0.6, 0.8, 0.0) * (1.0 - cos * cos).sqrt() + Vec3A::Z * cos;
+                for strata in [[12, 24], [20, 40], [5, 1], [3, 17]] {
+                    let round = Ggx::<false>::new(super::super::ggx::alpha(roughness));
+                    let (found, expected) = (integrate_view(&round, wo, 0.5, strata), one_by_one(&round, wo, 0.5, strata));
+                    assert_eq!(bits(found), bits(expected), "{roughness} {cos} {strata:?}");
+                    let long = Ggx::<true>::with_widths(alpha_xy(roughness, 0.9));
+                    let (found, expected) = (integrate_view(&long, wo, 1.0, strata), one_by_one(&long, wo, 1.0, strata));
+                    assert_eq!(bits(found), bits(expected), "anisotropic, {roughness} {cos} {strata:?}");
+                }
+            }
+        }
+    }
 
     /// The numbers come from `tests/references/ggx_albedo.py`, which integrates the BRDF in another parametrisation.
     #[test]

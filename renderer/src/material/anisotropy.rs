@@ -4,7 +4,7 @@
 //! stretched by the root of that ratio, and its cosine, spread out by the width that the lobe has along the azimuth
 //! ([`super::albedo`] says how): in these the albedo is smooth. Each ratio is a slice of its own, made when it is first met.
 
-use super::albedo::{Abscissa, Albedo, AlbedoMoments, GAUSS, UNIT_MOMENTS, integrate_view};
+use super::albedo::{Abscissa, Albedo, AlbedoMoments, GAUSS, UNIT_MOMENTS, integrate_view, on_threads};
 use super::ggx::{Ggx, alpha_xy};
 use glam::{Vec3A, Vec4};
 use std::sync::OnceLock;
@@ -115,7 +115,6 @@ impl Anisotropy {
 }
 
 impl Slice {
-    /// One thread makes it, see [`super::albedo`].
     fn get(index: usize) -> &'static Self {
         static SLICES: [OnceLock<Slice>; RATIOS] = [const { OnceLock::new() }; RATIOS];
         SLICES[index].get_or_init(|| Self::new(LEAST_RATIO.powf(fraction(index, RATIOS))))
@@ -138,7 +137,8 @@ impl Slice {
             let root = LOWEST_ROOT + (1.0 - LOWEST_ROOT) * fraction(i, NODES[0]);
             alpha_xy(root * root, (1.0 - ratio) / 0.9)
         };
-        for i in 0..NODES[0] {
+        let row = |i: usize| {
+            let mut row = Vec::with_capacity(NODES[1] * NODES[2]);
             let lobe = Lobe::new(widths(i));
             let ggx = Ggx::<true>::with_widths(widths(i));
             let strata = STRATA[usize::from(widths(i)[0] > 1.0)];
@@ -152,10 +152,12 @@ impl Slice {
                     let cos = abscissa.cosine(fraction(k, NODES[2])).clamp(1e-6, 1.0);
                     let sin = (1.0 - cos * cos).sqrt();
                     let (e, parts) = integrate_view(&ggx, Vec3A::new(sin * x, sin * y, cos), 1.0, strata);
-                    slice.nodes.push(Albedo::new(e, parts, cos));
+                    row.push(Albedo::new(e, parts, cos));
                 }
             }
-        }
+            row
+        };
+        slice.nodes.extend(on_threads(NODES[0], row).into_iter().flatten());
         for i in 0..NODES[0] {
             slice.moments.push(slice.mean(i, &Lobe::new(widths(i))));
         }

@@ -122,14 +122,47 @@ impl<const ANISOTROPIC: bool> Ggx<ANISOTROPIC> {
     /// The visible normal that [`Self::sample`] mirrors in, of density `4 (wo . h)` times the density of [`Self::sample`].
     #[inline(always)]
     pub fn visible_normal(&self, wo: Vec3A, u: [f32; 2]) -> Option<Vec3A> {
-        let (ax, ay) = (self.width(0), self.width(1));
-        let stretched = Vec3A::new(ax * wo.x, ay * wo.y, wo.z).normalize();
-        // A point on the cap of directions that a half vector mirrors `stretched` into.
-        let z = (1.0 - u[0]) * (1.0 + stretched.z) - stretched.z;
-        let r = (1.0 - z * z).max(0.0).sqrt();
+        let caps = self.caps(wo);
+        let Caps { stretched, .. } = caps;
+        let (z, r) = caps.ring(u[0]);
         let (sin, cos) = sin_cos_turns(u[1]);
         let h = Vec3A::new(r * cos, r * sin, z) + stretched;
-        let h = Vec3A::new(ax * h.x, ay * h.y, h.z.max(0.0));
+        let h = Vec3A::new(self.width(0) * h.x, self.width(1) * h.y, h.z.max(0.0));
         h.try_normalize()
+    }
+
+    /// The caps that [`Self::sample`] draws from for one view.
+    #[inline(always)]
+    pub(super) fn caps(&self, wo: Vec3A) -> Caps {
+        Caps { stretched: Vec3A::new(self.width(0) * wo.x, self.width(1) * wo.y, wo.z).normalize() }
+    }
+
+    /// What [`Self::sample`] draws, by its components, from the ring and the azimuth of its numbers; below the horizon or NaN where
+    /// that is `None`. There are no branches in it, for loops over many azimuths.
+    #[inline(always)]
+    pub(super) fn mirrored(&self, wo: Vec3A, caps: &Caps, (z, r): (f32, f32), (sin, cos): (f32, f32)) -> [f32; 3] {
+        let x = self.width(0) * (r * cos + caps.stretched.x);
+        let y = self.width(1) * (r * sin + caps.stretched.y);
+        let z = (z + caps.stretched.z).max(0.0);
+        let inverse = (x * x + y * y + z * z).sqrt().recip();
+        let (x, y, z) = (x * inverse, y * inverse, z * inverse);
+        let twice = 2.0 * (wo.x * x + wo.y * y + wo.z * z);
+        [twice * x - wo.x, twice * y - wo.y, twice * z - wo.z]
+    }
+}
+
+/// The directions that half vectors mirror one view into, in the space where the surface is as rough as a sphere.
+#[derive(Clone, Copy)]
+pub(super) struct Caps {
+    /// The view in that space, unit.
+    stretched: Vec3A,
+}
+
+impl Caps {
+    /// Height and radius of the ring of directions that the random number `u` stands for.
+    #[inline(always)]
+    pub fn ring(&self, u: f32) -> (f32, f32) {
+        let z = (1.0 - u) * (1.0 + self.stretched.z) - self.stretched.z;
+        (z, (1.0 - z * z).max(0.0).sqrt())
     }
 }
