@@ -7,6 +7,7 @@ use crate::film::FirstHit;
 use crate::geometry::Geometry;
 use crate::light::Receiver;
 use crate::material::{Principled, Side};
+use crate::number::log2;
 use crate::ray::Ray;
 use crate::texture::Lookup;
 use glam::{Vec2, Vec3A};
@@ -225,7 +226,7 @@ impl Interaction {
 fn lookup([a, b, c]: [Vec2; 3], weights: [f32; 3], across: f32, cone: Cone) -> Lookup {
     let density = (b - a).perp_dot(c - a).abs() / across;
     let uv = a * weights[0] + b * weights[1] + c * weights[2];
-    Lookup { uv, footprint_log2: cone.width.log2() + 0.5 * density.log2() }
+    Lookup { uv, footprint_log2: log2(cone.width) + 0.5 * log2(density) }
 }
 
 /// [`lookup`] in another set than the first. Out of line, so that look-ups in the first keep the smaller loop.

@@ -21,6 +21,7 @@ mod integrator;
 mod interaction;
 pub mod light;
 pub mod material;
+mod number;
 mod query;
 mod random;
 pub mod ray;

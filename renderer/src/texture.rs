@@ -1,5 +1,6 @@
 //! Texture lookups: trilinear between mip levels, with the level chosen by the width of the ray's cone.
 
+use crate::number::{log2, whole};
 use crate::simd;
 use glam::{Affine2, Vec2, Vec4};
 use renderflow_scenes::TextureSlot;
@@ -72,7 +73,7 @@ impl Sampled {
             return self.bilinear(&levels[0], uv);
         }
         let last = levels.len() - 1;
-        let lower = (level as usize).min(last);
+        let lower = whole(level).min(last);
         let coarse = self.bilinear(&levels[(lower + 1).min(last)], uv);
         self.bilinear(&levels[lower], uv).lerp(coarse, (level - lower as f32).min(1.0))
     }
@@ -136,7 +137,7 @@ impl simd::Work for Value<'_> {
 
 /// `log2` of the factor by which a transform scales lengths, on average over directions.
 fn scale_log2(transform: &Affine2) -> f32 {
-    if *transform == Affine2::IDENTITY { 0.0 } else { 0.5 * transform.matrix2.determinant().abs().log2() }
+    if *transform == Affine2::IDENTITY { 0.0 } else { 0.5 * log2(transform.matrix2.determinant().abs()) }
 }
 
 /// The two texels around coordinate `u` (1 = one tile) and the weight of the second.

@@ -4,6 +4,7 @@
 //! monotone, so the stratification of a low-discrepancy sequence survives. The guide table (Chen and Asau 1974) brings the
 //! search down to a look at a few entries.
 
+use crate::number::whole;
 use rayon::prelude::*;
 
 /// Columns that share an entry of the guide table: fewer made draws no faster.
@@ -119,7 +120,7 @@ fn invert(cumulative: &[f32], guide: &[u32], u: f32) -> (usize, f32) {
     const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
     let u = u.clamp(0.0, BELOW_ONE);
     let slots = guide.len();
-    let mut i = guide[((u * slots as f32) as usize).min(slots - 1)] as usize;
+    let mut i = guide[whole(u * slots as f32).min(slots - 1)] as usize;
     let passed = cumulative[i + 1..i + AHEAD].iter().fold(0, |sum, &c| sum + usize::from(c <= u));
     i += passed;
     if passed == AHEAD - 1 {

@@ -3,6 +3,7 @@
 use super::distribution::{Grid, sample_linear};
 use crate::angle::{polar, sin_cos_turns};
 use crate::error::{Error, Result};
+use crate::number::whole;
 use crate::sampler::LANES;
 use glam::{Vec3A, Vec4};
 use rayon::prelude::*;
@@ -417,7 +418,7 @@ impl Map {
         // (1 - |y|) / 2 without cancellation near the poles.
         let near = 0.5 * (wi.x * wi.x + wi.z * wi.z) / (1.0 + wi.y.abs());
         let v = polar(near.min(0.5), wi.y);
-        let row = ((v * self.height as f32 + 0.5) as usize).min(self.height);
+        let row = whole(v * self.height as f32 + 0.5).min(self.height);
         let band = self.bands[row];
         let beyond = if wi.y * band.sign < 0.0 { 1.0 } else { 0.0 };
         let q = beyond + (1.0 - 2.0 * beyond) * near;
@@ -429,7 +430,7 @@ impl Map {
         let x = turns * width - 0.5;
         let x = x + if x < 0.0 { width } else { 0.0 } - if x >= width { width } else { 0.0 };
         // A rounding may leave it at either end.
-        let column = (x as usize).min(self.width - 1);
+        let column = whole(x).min(self.width - 1);
         self.place_in(column, (x - column as f32).clamp(0.0, 1.0), row, v, t)
     }
 

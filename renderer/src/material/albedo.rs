@@ -7,6 +7,7 @@
 
 use super::ggx::{Ggx, MIN_ALPHA};
 use crate::angle::sin_cos_turns;
+use crate::number::whole;
 use crate::simd;
 use glam::{DVec4, Vec3A, Vec4};
 use renderflow_frame::fresnel::{self, Dielectric, schlick_weight};
@@ -166,7 +167,7 @@ impl Row {
         let table = Table::get();
         let root = roughness.sqrt();
         let x = (root - table.lowest_root).max(0.0) * table.nodes_per_root;
-        let i = (x as usize).min(ROUGHNESSES - 2);
+        let i = whole(x).min(ROUGHNESSES - 2);
         let abscissa = Abscissa::new(root.clamp(table.lowest_root, 1.0));
         Self { index: i as u32, t: (x - i as f32).min(1.0), abscissa, table }
     }
@@ -175,7 +176,7 @@ impl Row {
     #[inline(always)]
     pub fn locate(&self, cos: f32) -> (usize, f32) {
         let x = self.abscissa.at(cos) * (COSINES - 1) as f32;
-        let i = (x as usize).min(COSINES - 2);
+        let i = whole(x).min(COSINES - 2);
         (i, x - i as f32)
     }
 

@@ -6,6 +6,7 @@
 
 use super::albedo::{Abscissa, Albedo, AlbedoMoments, GAUSS, UNIT_MOMENTS, integrate_view, on_threads};
 use super::ggx::{Ggx, alpha_xy};
+use crate::number::whole;
 use glam::{Vec3A, Vec4};
 use std::sync::OnceLock;
 
@@ -68,7 +69,7 @@ struct Slice {
 #[inline]
 fn node(x: f32, nodes: usize) -> (usize, f32) {
     let x = x.clamp(0.0, 1.0) * (nodes - 1) as f32;
-    let i = (x as usize).min(nodes - 2);
+    let i = whole(x).min(nodes - 2);
     (i, x - i as f32)
 }
 

@@ -6,6 +6,7 @@
 
 use super::albedo::on_threads;
 use crate::angle::sin_cos_turns;
+use crate::number::whole;
 use glam::Vec3A;
 use renderflow_frame::fresnel::{Dielectric, schlick_weight};
 use std::f32::consts::PI;
@@ -81,7 +82,7 @@ impl<const EXACT: bool> Clearcoat<EXACT> {
             on_threads(NODES[0], row)
         });
         let (x, y) = (self.gloss * (NODES[0] - 1) as f32, cos.sqrt() * (NODES[1] - 1) as f32);
-        let (i, j) = ((x as usize).min(NODES[0] - 2), (y as usize).min(NODES[1] - 2));
+        let (i, j) = (whole(x).min(NODES[0] - 2), whole(y).min(NODES[1] - 2));
         let (s, t) = (x - i as f32, y - j as f32);
         let along = |row: &[f32; NODES[1]]| row[j] + (row[j + 1] - row[j]) * t;
         let (low, high) = (along(&table[i]), along(&table[i + 1]));

@@ -206,11 +206,14 @@ impl<const FULL: bool> View<'_, FULL> {
 #[inline(always)]
 fn cosine_hemisphere(u: [f32; 2]) -> Vec3A {
     let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
-    // Which half of the square it is cannot be foreseen: no branch.
-    let along = a.abs() > b.abs();
-    let (r, other) = if along { (a, b) } else { (b, a) };
+    // Which half of the square it is cannot be foreseen, and the compiler makes a branch of a choice.
+    let exchange = u32::from(a.abs() > b.abs()).wrapping_sub(1);
+    let exchanged = |a: f32, b: f32| {
+        let difference = (a.to_bits() ^ b.to_bits()) & exchange;
+        (f32::from_bits(a.to_bits() ^ difference), f32::from_bits(b.to_bits() ^ difference))
+    };
+    let (r, other) = exchanged(a, b);
     let (sin, cos) = sin_cos_eighth(FRAC_PI_4 * (other / if r == 0.0 { 1.0 } else { r }));
-    let (near, far) = (r * cos, r * sin);
-    let (x, y) = if along { (near, far) } else { (far, near) };
+    let (x, y) = exchanged(r * cos, r * sin);
     Vec3A::new(x, y, (1.0 - r * r).max(0.0).sqrt())
 }

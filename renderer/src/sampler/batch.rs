@@ -24,6 +24,21 @@ const BITS: usize = SEQUENCE.ilog2() as usize;
 /// of a sample's number.
 const DIRECTIONS: [[u32; 4]; BITS] = directions();
 
+/// The numbers of each dimension that belong to bits from the fourth on, which a batch has in common; 0 for the others.
+const UPPER: [[u32; BITS]; 4] = {
+    let mut upper = [[0; BITS]; 4];
+    let mut bit = LANES.ilog2() as usize;
+    while bit < BITS {
+        let mut d = 0;
+        while d < 4 {
+            upper[d][bit] = DIRECTIONS[bit][d];
+            d += 1;
+        }
+        bit += 1;
+    }
+    upper
+};
+
 const fn directions() -> [[u32; 4]; BITS] {
     /// Degree and inner coefficients of the primitive polynomial, and the first direction numbers.
     const POLYNOMIALS: [(usize, u32, [u32; 3]); 3] = [(1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];
@@ -138,13 +153,12 @@ fn compute(points: &mut Batched, first: u32, seed: u32) {
     let shuffle = hash(seed ^ 0x79c6_8e4a);
     // The shuffle acts on reversed bits, where it carries upwards only: the lower bits, which are those of the batch, are common.
     let shuffled = owen_scramble_rev(first.reverse_bits(), shuffle);
-    let mut common = [0; 4];
-    for (bit, numbers) in DIRECTIONS.iter().enumerate().skip(4) {
-        let mask = set_bit(shuffled, bit);
-        for (c, number) in common.iter_mut().zip(numbers) {
-            *c ^= mask & number;
-        }
-    }
+    // Bit by bit the compiler would branch, and be wrong half of the time.
+    let masks: [u32; BITS] = std::array::from_fn(|bit| set_bit(shuffled, bit));
+    let common: [u32; 4] = std::array::from_fn(|d| {
+        let numbers: [u32; BITS] = std::array::from_fn(|bit| masks[bit] & UPPER[d][bit]);
+        numbers.iter().fold(0, |sum, number| sum ^ number)
+    });
     let seed = seed.wrapping_mul(0x9c8f_2d3b);
     let scrambles = [0x912f_69ba, 0x174f_18ab, 0x691e_72ca, 0xb40c_c1b8].map(|d| hash(seed ^ d));
     let [x, y, z, w] = points;
