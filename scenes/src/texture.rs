@@ -4,10 +4,9 @@ use crate::loaded::{Encoding, Texture, Wrap};
 use glam::{Affine2, Mat2, Vec2};
 use image::ImageDecoder;
 use rayon::prelude::*;
-use renderflow_frame::{file, memory};
+use renderflow_frame::{file, guard, memory};
 use std::borrow::Cow;
 use std::io::Cursor;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Mutex;
 
@@ -199,10 +198,9 @@ fn picture(bytes: &[u8]) -> Result<image::DynamicImage, String> {
     guarded(|| image::DynamicImage::from_decoder(decoder(bytes)?).map_err(|e| e.to_string()))
 }
 
-/// Runs a decoder. The one of JPEG panics at some damaged files. Decoders work on bytes in memory and keep nothing, so that
-/// unwinding leaves no broken state behind.
+/// Runs a decoder. The one of JPEG panics at some damaged files.
 fn guarded<T>(decode: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
-    catch_unwind(AssertUnwindSafe(decode)).unwrap_or_else(|_| Err("damaged image data".into()))
+    guard::guarded(decode).unwrap_or_else(|| Err("damaged image data".into()))
 }
 
 /// KHR_texture_transform: scale, then a turn that looks counter-clockwise where v runs down, then the offset.

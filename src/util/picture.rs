@@ -4,9 +4,8 @@ use anyhow::{Context, Result, ensure};
 use base64::Engine;
 use image::ImageDecoder;
 use image::metadata::Orientation;
-use renderflow_frame::file;
 use renderflow_frame::image::Rgb;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use renderflow_frame::{file, guard};
 use std::path::Path;
 
 /// Error maps show |difference| times this.
@@ -145,9 +144,9 @@ pub fn decode(path: &Path, bytes: &[u8], expected: Option<[usize; 2]>) -> Result
             path.display()
         ),
     }
-    // The decoder of JPEG panics at some damaged files. It keeps nothing, so that unwinding leaves no broken state behind.
-    let decoded = catch_unwind(AssertUnwindSafe(|| image::DynamicImage::from_decoder(decoder)));
-    let mut picture = decoded.ok().with_context(|| format!("{}: damaged image data", path.display()))?.with_context(context)?;
+    // The decoder of JPEG panics at some damaged files.
+    let decoded = guard::guarded(|| image::DynamicImage::from_decoder(decoder));
+    let mut picture = decoded.with_context(|| format!("{}: damaged image data", path.display()))?.with_context(context)?;
     picture.apply_orientation(orientation);
     Ok(picture)
 }

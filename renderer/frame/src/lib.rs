@@ -18,6 +18,7 @@ pub mod file;
 pub mod frame;
 pub mod frame_file;
 pub mod fresnel;
+pub mod guard;
 pub mod hdr;
 pub mod ibl;
 pub mod image;

@@ -1,7 +1,7 @@
 //! Opens OpenEXR bytes that may be damaged or hostile.
 
 use crate::words::shortened;
-use crate::{Error, Result, rgbe};
+use crate::{Error, Result, guard, rgbe};
 use ::exr::compression::Compression;
 use ::exr::meta::MetaData;
 use ::exr::meta::header::Header;
@@ -34,16 +34,14 @@ impl Seek for Source<'_> {
 /// Runs a decoder of the `exr` crate on `bytes`; its errors and its panics become errors that name the file and the place in it.
 ///
 /// The crate has no reader that is free of panics: damaged B44 blocks overflow its arithmetic (a panic with overflow checks), and
-/// other places rely on `expect` and slice bounds. All such calls here work on bytes in memory, in one thread, and keep nothing,
-/// so unwinding leaves no broken state behind.
+/// other places rely on `expect` and slice bounds.
 pub(super) fn guarded<T>(name: &Path, bytes: &[u8], decode: impl FnOnce(Source) -> ::exr::error::Result<T>) -> Result<T> {
     let reached = Cell::new(0);
     let source = Source { cursor: Cursor::new(bytes), reached: &reached };
-    let decoded = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| decode(source)));
-    let reason = match decoded {
-        Ok(Ok(value)) => return Ok(value),
-        Ok(Err(error)) => reason(&error),
-        Err(_) => "damaged OpenEXR data".into(),
+    let reason = match guard::guarded(|| decode(source)) {
+        Some(Ok(value)) => return Ok(value),
+        Some(Err(error)) => reason(&error),
+        None => "damaged OpenEXR data".into(),
     };
     Err(Error::malformed(name, format!("{}: {reason}", place(bytes, reached.get()))))
 }
@@ -94,11 +92,10 @@ fn little_endian(bytes: &[u8]) -> usize {
 pub(super) fn meta_data(name: &Path, bytes: &[u8], most: usize) -> Result<MetaData> {
     let meta = guarded(name, bytes, |source| MetaData::read_from_buffered(source, false))?;
     // A contradiction between two attributes has no single place.
-    let valid = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| MetaData::validate(&meta.headers, false)));
-    match valid {
-        Ok(Ok(_)) => {}
-        Ok(Err(error)) => return Err(Error::malformed(name, format!("header: {}", reason(&error)))),
-        Err(_) => return Err(Error::malformed(name, "header: damaged OpenEXR data")),
+    match guard::guarded(|| MetaData::validate(&meta.headers, false)) {
+        Some(Ok(_)) => {}
+        Some(Err(error)) => return Err(Error::malformed(name, format!("header: {}", reason(&error)))),
+        None => return Err(Error::malformed(name, "header: damaged OpenEXR data")),
     }
     for header in &meta.headers {
         check_size(header, bytes.len(), most).map_err(|reason| Error::malformed(name, reason))?;
