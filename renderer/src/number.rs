@@ -21,7 +21,7 @@ pub(crate) fn log2(x: f32) -> f32 {
     // log2(m) = 2 / ln 2 artanh(s), s = (m - 1) / (m + 1), which is at most .172; the next term is below 4e-8.
     let s = (near_one - 1.0) / (near_one + 1.0);
     let s2 = s * s;
-    let series = s * (2.885_390_1 + s2 * (0.961_796_7 + s2 * (0.577_078_03 + s2 * 0.412_198_6)));
+    let series = s * (2.885_39 + s2 * (0.961_796_7 + s2 * (0.577_078_03 + s2 * 0.412_198_6)));
     if x.is_nan() { x } else { power as f32 + series }
 }
 

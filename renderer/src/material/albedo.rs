@@ -336,10 +336,10 @@ impl<const A: bool> View<'_, A> {
                         sum[lane] = if up { own * value } else { 0.0 };
                     }
                 }
+                let [whole, schlick, low, middle, high] = &sums;
                 for lane in 0..LANES {
-                    let [whole, a, b, c, d] = [sums[0][lane], sums[1][lane], sums[2][lane], sums[3][lane], sums[4][lane]];
-                    e += f64::from(whole);
-                    parts += Vec4::new(a, b, c, d).as_dvec4();
+                    e += f64::from(whole[lane]);
+                    parts += Vec4::new(schlick[lane], low[lane], middle[lane], high[lane]).as_dvec4();
                 }
             }
         }
