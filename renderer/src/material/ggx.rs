@@ -137,8 +137,8 @@ impl<const ANISOTROPIC: bool> Ggx<ANISOTROPIC> {
         Caps { stretched: Vec3A::new(self.width(0) * wo.x, self.width(1) * wo.y, wo.z).normalize() }
     }
 
-    /// What [`Self::sample`] draws, by its components, from the ring and the azimuth of its numbers. It is below the horizon or NaN
-    /// where that is `None`. There are no branches in it, for loops over many azimuths.
+    /// What [`Self::sample`] draws, by its components, from the ring and the azimuth of its numbers. It is below the horizon or
+    /// NaN where that is `None`. There are no branches in it, for loops over many azimuths.
     #[inline(always)]
     pub(super) fn mirrored(&self, wo: Vec3A, caps: &Caps, (z, r): (f32, f32), (sin, cos): (f32, f32)) -> [f32; 3] {
         let x = self.width(0) * (r * cos + caps.stretched.x);
