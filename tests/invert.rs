@@ -66,6 +66,11 @@ fn pictures_are_inverted_without_any_file() {
     let said = fail(&["invert", text(&photos), "--weights", reads_samples, "--out", text(&nothing)]);
     assert!(said.contains("fusion.safetensors") && !nothing.exists(), "{said}");
 
+    // A decoder that panics makes one line of error.
+    let damaged = concat!(env!("CARGO_MANIFEST_DIR"), "/fuzz/seeds/texture/one_component_of_three.jpg");
+    let said = fail(&["invert", damaged, "--out", text(&nothing)]);
+    assert!(said.contains("one_component_of_three.jpg: damaged image data") && !said.contains("panicked"), "{said}");
+
     // The weights inside the program are those of the file.
     let same = folder.path().join("same");
     succeed(&["invert", text(&photos), "--exr", "--weights", inside, "--out", text(&same)]);

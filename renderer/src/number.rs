@@ -7,8 +7,8 @@ pub(crate) fn whole(x: f32) -> usize {
     (x as i32).max(0) as usize
 }
 
-/// Binary logarithm of `x` >= 0, within 2e-7 or two roundings; -127 or less for 0 and for numbers so small that they have fewer
-/// digits, 128 for infinity, NaN for NaN.
+/// Binary logarithm of `x` >= 0, within 2e-7 or two roundings; between -127 and -126 for 0 and all numbers below 2^-126, 128 for
+/// infinity, NaN for NaN.
 #[inline(always)]
 pub(crate) fn log2(x: f32) -> f32 {
     /// The root of 1/2.

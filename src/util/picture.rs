@@ -129,7 +129,9 @@ pub fn decode(path: &Path, bytes: &[u8], expected: Option<[usize; 2]>) -> Result
     );
     // The size is compared below, before memory is taken for pixels.
     reader.no_limits();
-    let mut decoder = reader.into_decoder().with_context(context)?;
+    // The decoder of JPEG panics at some damaged files.
+    let damaged = || format!("{}: damaged image data", path.display());
+    let mut decoder = guard::guarded(|| reader.into_decoder()).with_context(damaged)?.with_context(context)?;
     // Damaged EXIF data say nothing.
     let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
     let (width, height) = match (decoder.dimensions(), turns(orientation)) {
@@ -144,9 +146,8 @@ pub fn decode(path: &Path, bytes: &[u8], expected: Option<[usize; 2]>) -> Result
             path.display()
         ),
     }
-    // The decoder of JPEG panics at some damaged files.
     let decoded = guard::guarded(|| image::DynamicImage::from_decoder(decoder));
-    let mut picture = decoded.with_context(|| format!("{}: damaged image data", path.display()))?.with_context(context)?;
+    let mut picture = decoded.with_context(damaged)?.with_context(context)?;
     picture.apply_orientation(orientation);
     Ok(picture)
 }

@@ -24,7 +24,7 @@ const BITS: usize = SEQUENCE.ilog2() as usize;
 /// of a sample's number.
 const DIRECTIONS: [[u32; 4]; BITS] = directions();
 
-/// The numbers of each dimension that belong to bits from the fourth on, which a batch has in common; 0 for the others.
+/// The numbers of each dimension, with 0 for the lowest four bits: those are what the samples of a batch differ in.
 const UPPER: [[u32; BITS]; 4] = {
     let mut upper = [[0; BITS]; 4];
     let mut bit = LANES.ilog2() as usize;
