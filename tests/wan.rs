@@ -3,9 +3,11 @@
 mod common;
 
 use common::{copy, fail, files, renderflow, stderr, succeed};
-use renderflow::dataset::Sequence;
+use renderflow::dataset::shading::Shading;
+use renderflow::dataset::{Dataset, Sequence};
 use renderflow::evaluate::results::Results;
 use renderflow_frame::{color, frame_file};
+use renderflow_model::data::ClipSource;
 use renderflow_model::device::NetworkDevice;
 use renderflow_model::renderer::{Options, View};
 use renderflow_model::wan::{self, Autoencoder};
@@ -359,6 +361,7 @@ fn the_bridge_begins_with_deferred_shading(folder: &Path, data: &Path, weights: 
     for (own, other) in [(0, FRAMES - 1), (FRAMES - 1, 0)] {
         assert!(error(own, own) < error(own, other), "frame {own}: {} and {}", error(own, own), error(own, other));
     }
+    carried_keyframes_come_first(folder, data, weights, &network);
     // Another scene is not shaded, and without a scene there is nothing to begin with.
     let bare = folder.join("bare");
     copy(&data.join("seq-000000"), &bare.join("seq-000000"));
@@ -372,6 +375,53 @@ fn the_bridge_begins_with_deferred_shading(folder: &Path, data: &Path, weights: 
     std::fs::remove_file(&scene).unwrap();
     let said = fail(&[&["infer", "--out", text(&folder.join("infer/bare"))][..], &without].concat());
     assert!(said.contains("begins with deferred shading"), "{said}");
+}
+
+/// With keyframes, a network that has learnt next to nothing returns keyframes carried over deferred shading.
+fn carried_keyframes_come_first(folder: &Path, data: &Path, weights: &Weights, base: &Path) {
+    let (path, run) = (folder.join("carried.json"), folder.join("carried"));
+    let stage = ["--preset", "wan-tiny", "--stage", "keyframes", "--vae", text(&weights.vae), "--base", text(base)];
+    let print = [&["train", "--data", text(data), "--out", "runs/out", "--steps", "1", "--print-config"][..], &stage].concat();
+    let mut config: Value = serde_json::from_str(&succeed(&print)).unwrap();
+    config["stage"]["keyframes"]["gap"] = json!(4);
+    std::fs::write(&path, config.to_string()).unwrap();
+    succeed(&["train", "--config", text(&path), "--data", text(data), "--out", text(&run)]);
+    let network = run.join("weights.safetensors");
+    let from = ["--data", text(data), "--weights", text(&network), "--vae", text(&weights.vae)];
+    let out = folder.join("results-carried");
+    let methods = ["evaluate", "--methods", "deferred,wan-stills,warp,wan+keys,wan-stills+keys", "--out", text(&out)];
+    succeed(&[&methods[..], &from].concat());
+    let scores = Results::read(&out).unwrap().sequences.remove(0).scores;
+    let keys: Vec<usize> = scores.iter().filter(|score| score.key).map(|score| score.frame).collect();
+    let of = |method: &str| -> Vec<f64> {
+        let rows = scores.iter().filter(|score| score.method == method && !keys.contains(&score.frame));
+        rows.map(|score| score.values["psnr"]).collect()
+    };
+    assert_eq!(of("warp").len(), FRAMES - 2);
+    for (method, begins) in [("wan-stills", "deferred"), ("wan+keys", "warp"), ("wan-stills+keys", "warp")] {
+        let far = of(method).iter().zip(of(begins)).fold(0.0f64, |worst, (a, b)| worst.max((a - b).abs()));
+        assert!(far < 0.3 && of(method).len() == of(begins).len(), "{method}: {:?} and {:?}", of(method), of(begins));
+    }
+    assert!(of("warp").iter().zip(of("deferred")).any(|(a, b)| (a - b).abs() > 0.6), "keyframes change nothing here");
+    // So do files.
+    let pictures = folder.join("infer/carried");
+    succeed(&[&["infer", "--keyframes", "--out", text(&pictures)][..], &from].concat());
+    let sequence = Sequence::open(&data.join("seq-000000")).unwrap();
+    let mut shading = Shading::new(&sequence, &[], &sequence.transforms.keyframes).unwrap();
+    // So does what training begins with.
+    let learnt = |gap| Dataset::open(data).unwrap().shaded(&[], gap).load(0).unwrap().shaded;
+    let (carried, alone) = (learnt(Some(4)), learnt(None));
+    for index in 0..FRAMES {
+        let stored = sequence.frame(index).unwrap();
+        let begun = shading.picture(index, &stored).unwrap();
+        assert!(begun == carried[index] && begun != alone[index], "frame {index}");
+        let made = frame_file::read(&pictures.join(format!("seq-000000/frame.{index:04}.exr"))).unwrap().beauty.unwrap();
+        let display = |pixel: [f32; 3]| color::display(pixel, sequence.exposure());
+        let covered = || (0..SIDE * SIDE).filter(|&i| stored.alpha.pixels[i] >= 1.0);
+        let far = |i: usize| (0..3).map(|c| (display(made.pixels[i])[c] - display(begun.pixels[i])[c]).abs()).sum::<f32>() / 3.0;
+        let mean = covered().map(far).sum::<f32>() / covered().count() as f32;
+        assert!(mean < 0.02, "frame {index}: {mean}");
+    }
 }
 
 fn rows_stand_beside_the_others(folder: &Path, data: &Path, weights: &Weights) {

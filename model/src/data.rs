@@ -13,7 +13,8 @@ pub struct Clip {
     pub name: String,
     /// Frames with `beauty`.
     pub frames: Vec<Frame>,
-    /// Each frame by deferred shading, as scene-linear radiance; empty where no network asks for it.
+    /// Each frame by deferred shading, as scene-linear radiance, with keyframes carried over it if the network reads keyframes;
+    /// empty where no network asks for it.
     pub shaded: Vec<Rgb>,
     /// Environment light of the sequence.
     pub light: Light,

@@ -94,7 +94,8 @@ pub struct View<'a> {
     pub index: usize,
     /// G-buffer of the frame. Its beauty is not read.
     pub frame: &'a Frame,
-    /// The frame by deferred shading, as scene-linear radiance, for a renderer that begins with it ([`About::shaded`]).
+    /// The frame by deferred shading, as scene-linear radiance, for a renderer that begins with it ([`About::shaded`]). If
+    /// keyframes are used, they are carried over it.
     pub shaded: Option<&'a Rgb>,
 }
 

@@ -14,6 +14,7 @@ use renderflow_model::renderer::{Options, Renderer};
 use renderflow_model::train::{RunConfig, Share};
 use renderflow_model::wan::flow::{Flow, FlowConfig, InverseConfig};
 use renderflow_model::wan::pictures::{BridgeStart, EnvironmentView, Kind, Pictures};
+use renderflow_model::wan::train::clip_pictures::Window;
 use renderflow_model::wan::train::latent_batch::{BatchSampler, LatentBatch, Task};
 use renderflow_model::wan::train::latents::{ClipLatents, Encoder};
 use renderflow_model::wan::train::{BatchConfig, Config, LatentConfig, PixelLoss, Stage};
@@ -273,4 +274,41 @@ fn check_inverse(start: BridgeStart) {
         BridgeStart::Albedo => assert_eq!(made, Ok(())),
         _ => assert!(made.expect_err("refused").contains("bridge_start")),
     }
+}
+
+/// A bridge that begins with carried keyframes is shown those keyframes, and no others.
+#[test]
+fn carried_keyframes_are_the_ones_that_are_shown() {
+    let vae = autoencoder();
+    let gap = 4;
+    let shown = |start: BridgeStart| {
+        let encoder = Encoder { start, ..encoder(&vae, SIZE) };
+        let clips = vec![Arc::new(encoder.encode(&shaded(9, SIZE)).expect("latents"))];
+        let (network, settings) = (network(start), settings());
+        let batches = [BatchConfig { size: SIZE, frames: 1, items: 2, weight: 1.0 }];
+        let task = Task::Render { gap: Some(gap) };
+        let sampler = BatchSampler { network: &network, latents: &settings, batches: &batches, task, share: Share::WHOLE };
+        let side = SIZE / network.vae.spatial_factor();
+        let frames: Vec<Vec<f32>> = (0..9)
+            .map(|frame| {
+                let mut latents = Vec::new();
+                clips[0][0].read(frame, 1, Kind::Target, Window { top: 0, left: 0, height: side, width: side }, &mut latents);
+                latents
+            })
+            .collect();
+        let mut numbers: Vec<usize> = Vec::new();
+        for step in 0..24 {
+            let batch = sampler.draw(&clips, step, &mut step_rng(7, step)).expect("batch");
+            assert!(!batch.keyframes.is_empty());
+            for (latents, _) in &batch.keyframes {
+                let items = latents.chunks_exact(frames[0].len());
+                numbers.extend(items.map(|item| frames.iter().position(|frame| frame == item).expect("a frame of the clip")));
+            }
+        }
+        numbers.sort_unstable();
+        numbers.dedup();
+        numbers
+    };
+    assert_eq!(shown(BridgeStart::Deferred), [0, 4, 8]);
+    assert!(shown(BridgeStart::Albedo).len() > 5);
 }

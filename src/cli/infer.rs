@@ -117,7 +117,8 @@ impl Infer {
         for sequence in &dataset.sequences {
             progress.message(sequence.name.clone());
             let work = self.work(sequence, &claim, &progress, cancel);
-            let shading = || Shading::new(sequence, allowed);
+            let keys = if self.keyframes { &sequence.transforms.keyframes[..] } else { &[] };
+            let shading = || Shading::new(sequence, allowed, keys);
             let mut shading =
                 renderer.about().shaded.then(shading).transpose().with_context(|| sequence.folder.display().to_string())?;
             if renderer.about().in_clips(self.options()) {
@@ -252,7 +253,7 @@ impl Work<'_> {
     }
 
     /// Renders frames that do not depend on each other. Pictures that are there already stay.
-    fn frames(&self, renderer: &dyn Renderer, shading: &mut Option<Shading>) -> Result<()> {
+    fn frames(&self, renderer: &dyn Renderer, shading: &mut Option<Shading<'_>>) -> Result<()> {
         let mut session = renderer.begin(self.sequence, self.options)?;
         for index in 0..self.sequence.len() {
             if self.path(index).is_file() {
@@ -281,7 +282,7 @@ impl Work<'_> {
     }
 
     /// Renders frames in clips. Everything up to the last clip that was written stays.
-    fn clips(&self, renderer: &dyn Renderer, shading: &mut Option<Shading>) -> Result<()> {
+    fn clips(&self, renderer: &dyn Renderer, shading: &mut Option<Shading<'_>>) -> Result<()> {
         let state = self.out.join(STATE);
         let done = (0..self.sequence.len()).take_while(|&index| self.path(index).is_file()).count();
         if done == self.sequence.len() && !state.is_file() {
@@ -293,7 +294,7 @@ impl Work<'_> {
             Some((index, state)) => {
                 let frame = self.sequence.frame(index)?;
                 let number = self.sequence.numbers[index];
-                let shaded = shading.as_mut().map(|shading| shading.picture(number, &frame)).transpose()?;
+                let shaded = shading.as_mut().map(|shading| shading.picture(index, &frame)).transpose()?;
                 session.resume(View { number, index, frame: &frame, shaded: shaded.as_ref() }, state)?;
                 index + 1
             }
@@ -331,11 +332,11 @@ impl Work<'_> {
         Ok(index.filter(|index| *index < done).map(|index| (index, state)))
     }
 
-    fn push(&self, session: &mut dyn Session, shading: &mut Option<Shading>, index: usize) -> Result<()> {
+    fn push(&self, session: &mut dyn Session, shading: &mut Option<Shading<'_>>, index: usize) -> Result<()> {
         self.cancel.check()?;
         let frame = self.sequence.frame(index)?;
         let number = self.sequence.numbers[index];
-        let shaded = shading.as_mut().map(|shading| shading.picture(number, &frame)).transpose()?;
+        let shaded = shading.as_mut().map(|shading| shading.picture(index, &frame)).transpose()?;
         let rendered = session.push(View { number, index, frame: &frame, shaded: shaded.as_ref() })?;
         self.write(rendered)
     }

@@ -1,18 +1,19 @@
 //! Warps the keyframes of a sequence to its other frames, over a picture that is made without tracing paths.
 
-use crate::dataset::Sequence;
+use super::Sequence;
 use anyhow::{Context, Result};
 use renderflow_frame::Frame;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::warp::{self, Keyframe, Neighbour};
 
-/// Reads the keyframes of `sequence`, each with its index among the stored frames; `draw` makes the picture without paths of one
+/// Reads the stored frames `keys` of `sequence` as keyframes, each with its index; `draw` makes the picture without paths of one
 /// from its index and G-buffer.
 ///
 /// # Errors
 /// When a keyframe cannot be read, has no beauty, or cannot be drawn.
 pub fn prepare(
     sequence: &Sequence,
+    keys: &[usize],
     mut draw: impl FnMut(usize, &Frame) -> Result<Option<Rgb>>,
 ) -> Result<Vec<(usize, Keyframe)>> {
     let keyframe = |&index: &usize| {
@@ -21,7 +22,7 @@ pub fn prepare(
         let start = draw(index, &frame)?;
         Ok((index, Keyframe { frame, truth, start }))
     };
-    sequence.transforms.keyframes.iter().map(keyframe).collect()
+    keys.iter().map(keyframe).collect()
 }
 
 /// Keyframe `key`, stored frame `there`, in relation to stored frame `index`.

@@ -24,8 +24,17 @@ pub struct Dataset {
     pub sequences: Vec<Sequence>,
     /// The root of the dataset, if it has a plan and was opened for training.
     root: Option<PathBuf>,
-    /// Folders in which scenes may name files, if clips come with deferred shading.
-    shaded: Option<Vec<PathBuf>>,
+    /// How clips are shaded, if they come with deferred shading.
+    shaded: Option<Shaded>,
+}
+
+/// How clips are shaded.
+#[derive(Debug)]
+struct Shaded {
+    /// Folders in which scenes may name files.
+    allowed: Vec<PathBuf>,
+    /// Distance in frame numbers of the frames that are carried to all others.
+    gap: Option<usize>,
 }
 
 impl Dataset {
@@ -60,9 +69,11 @@ impl Dataset {
         Ok((Self { root: Some(home.root), ..Self::open(folder)? }, notes))
     }
 
-    /// The same dataset, whose clips come with deferred shading. Scenes may name files in the folders `allowed` too.
-    pub fn shaded(self, allowed: &[PathBuf]) -> Self {
-        Self { shaded: Some(allowed.into()), ..self }
+    /// The same dataset, whose clips come with deferred shading. Scenes may name files in the folders `allowed` too. With `gap`,
+    /// the first frame of each clip and those whose numbers are a multiple of it higher are keyframes, and are carried over
+    /// deferred shading.
+    pub fn shaded(self, allowed: &[PathBuf], gap: Option<usize>) -> Self {
+        Self { shaded: Some(Shaded { allowed: allowed.into(), gap }), ..self }
     }
 
     /// BLAKE3 of a file of a sequence. For frames, it comes from the record; the frame is compared with it when it is read.
@@ -133,15 +144,13 @@ impl Dataset {
         let names = &sequence.transforms.files;
         ensure!(other.is_none(), "{} is of another scene than {}", names[other.unwrap_or(0)], names[0]);
         let mut shaded = Vec::new();
-        if let Some(allowed) = &self.shaded {
+        if let Some(Shaded { allowed, gap }) = &self.shaded {
             self.check_scene(index)?;
-            let mut shading = Shading::new(sequence, allowed)?;
-            shaded = sequence
-                .numbers
-                .iter()
-                .zip(&frames)
-                .map(|(&number, frame)| shading.picture(number, frame))
-                .collect::<Result<_>>()?;
+            let numbers = &sequence.numbers;
+            let is_key = |at: &usize| gap.is_some_and(|gap| (numbers[*at] - numbers[0]).is_multiple_of(gap));
+            let keys: Vec<usize> = (0..numbers.len()).filter(is_key).collect();
+            let mut shading = Shading::new(sequence, allowed, &keys)?;
+            shaded = frames.iter().enumerate().map(|(at, frame)| shading.picture(at, frame)).collect::<Result<_>>()?;
         }
         Ok(Clip {
             name: sequence.name.clone(),

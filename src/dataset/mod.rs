@@ -9,6 +9,7 @@ pub mod export;
 pub mod home;
 pub mod inspect;
 pub mod job;
+pub mod keyframes;
 pub mod layout;
 pub mod learned;
 pub mod learning;

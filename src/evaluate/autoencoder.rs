@@ -65,7 +65,7 @@ impl Options {
             sets.entry(test.set).or_default().sequences.push(test.sequence);
         }
         if self.deferred {
-            sets = sets.into_iter().map(|(name, data)| (name, data.shaded(allowed))).collect();
+            sets = sets.into_iter().map(|(name, data)| (name, data.shaded(allowed, None))).collect();
         }
         let total: usize = sets.values().map(|set| set.sequences.len()).sum();
         let progress = Progress::new("autoencoder", 2 * total as u64);

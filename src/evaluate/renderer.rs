@@ -2,14 +2,13 @@
 
 mod baseline;
 mod fused;
-mod keyframes;
 mod samples;
 mod sessions;
 mod traced;
 
 use super::method::tracing::Samples;
 use super::method::{Method, Part};
-use crate::dataset::Sequence;
+use crate::dataset::{Sequence, keyframes};
 use crate::util::cancel::Cancel;
 use crate::util::clock::timed;
 use anyhow::{Context, Result};
@@ -25,7 +24,7 @@ use renderflow_model::renderer::Renderer;
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer};
 use renderflow_scenes::{description::Scene, load};
 use samples::Buffer;
-use sessions::NetworkSessions;
+use sessions::{NetworkSessions, Shaded};
 use std::path::PathBuf;
 use traced::{Current, Tracer};
 
@@ -145,8 +144,14 @@ impl<'a> MethodRenderer<'a> {
             let (made, seconds) = timed(|| DeferredBaseline::new(sequence, whole))?;
             once.push(("taking lights out of the environment, prefiltering the rest".to_owned(), seconds));
             let baseline = baseline.insert(made);
-            if methods.iter().any(|method| matches!(method, Method::Warp { deferred: true } | Method::Neural { keyframes: true }))
-            {
+            // The paper's network begins with carried keyframes where it has them.
+            let carries = |method: &Method| match method {
+                Method::Warp { deferred } => *deferred,
+                Method::Neural { keyframes } => *keyframes,
+                Method::Wan { keyframes, .. } => *keyframes && options.begins_shaded(),
+                _ => false,
+            };
+            if methods.iter().any(carries) {
                 let ((), seconds) = timed(|| baseline.prepare_keyframes(&mut scene))?;
                 once.push(("drawing keyframes by deferred shading".to_owned(), seconds));
             }
@@ -155,7 +160,7 @@ impl<'a> MethodRenderer<'a> {
         if methods.contains(&Method::Warp { deferred: false }) {
             let (prepared, seconds) = timed(|| {
                 let draw = |_, frame: &Frame| Ok(Some(ibl::shade(frame, light).image));
-                keyframes::prepare(sequence, draw)
+                keyframes::prepare(sequence, &sequence.transforms.keyframes, draw)
             })?;
             keyframes = prepared;
             once.push((PREPARING.to_owned(), seconds));
@@ -199,7 +204,7 @@ impl<'a> MethodRenderer<'a> {
         while let Some(next) = self.sessions.wanted(index) {
             self.scene.set_frame(self.sequence.numbers[next]);
             let frame = render_gbuffer(&self.scene, &settings)?;
-            let shaded = self.shaded(&frame, None)?;
+            let shaded = self.shaded(&frame, next, None)?;
             self.sessions.push(next, &frame, shaded.as_ref())?;
             cancel.check()?;
         }
@@ -227,7 +232,8 @@ impl<'a> MethodRenderer<'a> {
                 method => {
                     let made = match method {
                         Method::Wan { stills, .. } => {
-                            let shaded = if *stills { self.shaded(&shared.gbuffer, Some(&shared.maps))? } else { None };
+                            let shaded = || self.shaded(&shared.gbuffer, shared.index, Some(&shared.maps));
+                            let shaded = if *stills { shaded()? } else { None };
                             self.sessions.picture(method, shared.index, &shared.gbuffer, shaded.as_ref())?
                         }
                         method => self.shade(method, &shared)?,
@@ -274,15 +280,17 @@ impl<'a> MethodRenderer<'a> {
         Ok(Some(made))
     }
 
-    /// The frame by deferred shading and the seconds of that, if the paper's network begins with it. `maps` are the shadow maps
-    /// of the frame, if it is its turn.
-    fn shaded(&self, frame: &Frame, maps: Option<&Maps>) -> Result<Option<(Rgb, f64)>> {
+    /// What the paper's network begins with, if that is deferred shading, of stored frame `index` with the G-buffer `frame`.
+    /// `maps` are the shadow maps of the frame, if it is its turn.
+    fn shaded(&self, frame: &Frame, index: usize, maps: Option<&Maps>) -> Result<Option<Shaded>> {
         let Some(baseline) = self.baseline.as_ref().filter(|_| self.options.begins_shaded()) else { return Ok(None) };
-        match maps {
+        let alone = match maps {
             Some(maps) => baseline.picture(&self.scene, frame, maps, None),
             None => baseline.picture_ahead(&self.scene, frame),
-        }
-        .map(Some)
+        }?;
+        let keyed = self.options.methods.iter().any(|method| matches!(method, Method::Wan { keyframes: true, .. }));
+        let carried = keyed.then(|| baseline.carried(frame, index, &alone)).transpose()?;
+        Ok(Some(Shaded { alone, carried }))
     }
 
     /// Makes what all methods of a frame start from.
@@ -298,7 +306,7 @@ impl<'a> MethodRenderer<'a> {
         let shared = self.share(settings, index)?;
         for method in self.options.methods {
             if method.is_wan() {
-                let shaded = self.shaded(&shared.gbuffer, Some(&shared.maps))?;
+                let shaded = self.shaded(&shared.gbuffer, index, Some(&shared.maps))?;
                 self.sessions.warm_up(method, index, &shared.gbuffer, shaded.as_ref())?;
             } else if !matches!(method, Method::Traced(_)) {
                 self.shade(method, &shared)?;

@@ -114,7 +114,7 @@ impl<'a> Lab<'a> {
         }
         self.cancel.check()?;
         let autoencoder = if run == Run::Autoencoder { None } else { Some(self.train(Run::Autoencoder)?) };
-        let renderer = if matches!(run, Run::Keys(_) | Run::Inverse) { Some(self.train(Run::Base)?) } else { None };
+        let renderer = run.renderer().map(|renderer| self.train(renderer)).transpose()?;
         let mut config = self.scale.config(run)?;
         let (data, count) = self.scale.lesson(run);
         // The names of the folders say what the run stands on; where the folders are does not matter.
@@ -140,7 +140,7 @@ impl<'a> Lab<'a> {
         let (mut dataset, notes) = Dataset::open_to_learn(&self.data(data)?.join("train"))?;
         dataset.sequences.truncate(count as usize);
         if train::bridge_start(config)? == Some(BridgeStart::Deferred) {
-            dataset = dataset.shaded(&[]);
+            dataset = dataset.shaded(&[], config.stage.gap());
         }
         let progress = Progress::new(&format!("training {}", run.name()), 1000);
         notes.iter().for_each(|note| progress.print(note));

@@ -297,7 +297,7 @@ pub enum Run {
         /// Whether it learns from clips.
         clips: bool,
     },
-    /// A keyframe adapter on [`Self::Base`].
+    /// A keyframe adapter, on [`Self::Base`] but for [`Keys::Carried`].
     Keys(Keys),
     /// The inverse adapter on [`Self::Base`].
     Inverse,
@@ -333,6 +333,8 @@ pub enum Keys {
     Dedicated,
     /// Queries of its own, and a correction of the perceptron: the paper's adapter.
     Whole,
+    /// The paper's adapter on [`Variant::Deferred`], whose bridge then begins with carried keyframes.
+    Carried,
 }
 
 impl Run {
@@ -352,9 +354,19 @@ impl Run {
             Self::Keys(Keys::Reused) => "keys-reused".into(),
             Self::Keys(Keys::Dedicated) => "keys-dedicated".into(),
             Self::Keys(Keys::Whole) => "keys".into(),
+            Self::Keys(Keys::Carried) => "keys-carried".into(),
             Self::Inverse => "inverse".into(),
             Self::Data(part) => format!("base-data-{part}"),
             Self::Time(part) => format!("base-time-{part}"),
+        }
+    }
+
+    /// The renderer that its adapter stands on.
+    pub(super) fn renderer(self) -> Option<Self> {
+        match self {
+            Self::Keys(Keys::Carried) => Some(Self::Variant(Variant::Deferred)),
+            Self::Keys(_) | Self::Inverse => Some(Self::Base),
+            _ => None,
         }
     }
 
@@ -375,7 +387,7 @@ mod tests {
     use super::*;
     use crate::dataset::plan::Counts;
 
-    const RUNS: [Run; 16] = [
+    const RUNS: [Run; 17] = [
         Run::Autoencoder,
         Run::Base,
         Run::Variant(Variant::UniformSde),
@@ -389,6 +401,7 @@ mod tests {
         Run::Keys(Keys::Reused),
         Run::Keys(Keys::Dedicated),
         Run::Keys(Keys::Whole),
+        Run::Keys(Keys::Carried),
         Run::Inverse,
         Run::Data(4),
         Run::Time(2),

@@ -238,13 +238,14 @@ fn keyframes(lab: &Lab) -> Result<Table> {
          each frame is rendered by itself.",
         &QUALITY,
     );
-    let rows: [Wan; 6] = [
+    let rows: [Wan; 7] = [
         ("none", Run::Base, "wan-stills", 1, "23.590 / .868 / .107"),
         ("progressive only", Run::Base, "wan", 1, "25.042 / .877 / .102"),
         ("reused query, no correction", Run::Keys(Keys::Reused), "wan-stills+keys", 1, "24.520 / .862 / .098"),
         ("dedicated query, no correction", Run::Keys(Keys::Dedicated), "wan-stills+keys", 1, "25.217 / .878 / .097"),
         ("dedicated query, corrected perceptron", Run::Keys(Keys::Whole), "wan-stills+keys", 1, "25.720 / .881 / .094"),
         ("the same, progressive", Run::Keys(Keys::Whole), "wan+keys", 1, "26.220 / .885 / .090"),
+        ("the same, from keyframes carried over deferred shading", Run::Keys(Keys::Carried), "wan+keys", 1, ""),
     ];
     wan_rows(lab, &mut table, &rows)?;
     let own = lab.measure(&lab.ask(&["warp", "neural", "neural+keys"]))?;

@@ -72,7 +72,7 @@ impl Train {
     pub(super) fn wan(&self, config: &Config, team: &Team, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let (mut dataset, notes) = Dataset::open_to_learn(self.data()?)?;
         if train::bridge_start(config)? == Some(BridgeStart::Deferred) {
-            dataset = dataset.shaded(allowed);
+            dataset = dataset.shaded(allowed, config.stage.gap());
         }
         if self.is_done(config, dataset.identity()?.as_deref(), team)? {
             return Ok(());

@@ -1,8 +1,7 @@
 //! The deferred renderer on one sequence: its lights, its shadow maps, its pictures with parts left out, and keyframes carried
 //! over them.
 
-use super::keyframes;
-use crate::dataset::Sequence;
+use crate::dataset::{Sequence, keyframes};
 use crate::evaluate::method::Part;
 use crate::util::clock::timed;
 use anyhow::{Context, Result};
@@ -53,7 +52,7 @@ impl<'a> DeferredBaseline<'a> {
 
     /// Draws the keyframes, so that they can be carried. `scene` stays at the last one.
     pub fn prepare_keyframes(&mut self, scene: &mut RenderScene) -> Result<()> {
-        self.keyframes = keyframes::prepare(self.sequence, |index, frame| {
+        self.keyframes = keyframes::prepare(self.sequence, &self.sequence.transforms.keyframes, |index, frame| {
             scene.set_frame(self.sequence.numbers[index]);
             let maps = self.maps(scene, frame)?;
             Ok(Some(self.picture(scene, frame, &maps, None)?.0))
@@ -124,9 +123,12 @@ impl<'a> DeferredBaseline<'a> {
     /// The keyframes carried to stored frame `index`, with the deferred picture in the holes; and the seconds without the
     /// G-buffer's.
     pub fn warped(&self, scene: &RenderScene, frame: &Frame, index: usize, maps: &Maps) -> Result<(Rgb, f64)> {
-        let (current, seconds) = self.picture(scene, frame, maps, None)?;
-        let carry = || Ok(keyframes::warp(self.sequence, &self.keyframes, index, frame, &current));
-        let (picture, carrying) = timed(carry)?;
+        self.carried(frame, index, &self.picture(scene, frame, maps, None)?)
+    }
+
+    /// As [`Self::warped`], over the deferred picture `current` and its seconds.
+    pub fn carried(&self, frame: &Frame, index: usize, (current, seconds): &(Rgb, f64)) -> Result<(Rgb, f64)> {
+        let (picture, carrying) = timed(|| Ok(keyframes::warp(self.sequence, &self.keyframes, index, frame, current)))?;
         Ok((picture, seconds + carrying))
     }
 }

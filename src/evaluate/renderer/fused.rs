@@ -1,8 +1,7 @@
 //! The network that reads samples on one sequence: fills the network's input for each frame, and measures the seconds.
 
-use super::keyframes;
 use super::samples::{Buffer, Carried, Traced};
-use crate::dataset::Sequence;
+use crate::dataset::{Sequence, keyframes};
 use crate::util::clock::timed;
 use anyhow::{Context, Result};
 use renderflow_frame::ibl;
@@ -31,7 +30,7 @@ impl<'a> Fused<'a> {
 
     /// Reads the keyframes. `shaded` gives the deferred picture of a keyframe, if there is one.
     pub fn prepare_keyframes(&mut self, shaded: impl Fn(usize) -> Option<Rgb>) -> Result<()> {
-        self.keys = keyframes::prepare(self.sequence, |index, _| Ok(shaded(index)))?;
+        self.keys = keyframes::prepare(self.sequence, &self.sequence.transforms.keyframes, |index, _| Ok(shaded(index)))?;
         Ok(())
     }
 

@@ -10,6 +10,21 @@ use renderflow_frame::image::Rgb;
 use renderflow_model::renderer::{self, Renderer, Session, View};
 use std::collections::BTreeMap;
 
+/// What networks begin with that begin with deferred shading: pictures with the seconds that they took.
+pub struct Shaded {
+    /// Deferred shading.
+    pub alone: (Rgb, f64),
+    /// Keyframes carried over it, if a network reads keyframes.
+    pub carried: Option<(Rgb, f64)>,
+}
+
+impl Shaded {
+    /// What a network with or without keyframes begins with.
+    fn of(&self, keyframes: bool) -> &(Rgb, f64) {
+        self.carried.as_ref().filter(|_| keyframes).unwrap_or(&self.alone)
+    }
+}
+
 /// One network with or without keyframes.
 struct NetworkSession<'a> {
     method: &'a Method,
@@ -64,13 +79,13 @@ impl<'a> NetworkSessions<'a> {
         (self.next < self.sequence.len() && self.networks.iter().any(waits)).then_some(self.next)
     }
 
-    /// Gives the frame to the networks that work in clips. `shaded` is its picture by deferred shading and the seconds of that,
-    /// if the networks begin with it.
-    pub fn push(&mut self, index: usize, frame: &Frame, shaded: Option<&(Rgb, f64)>) -> Result<()> {
+    /// Gives the frame to the networks that work in clips. `shaded` is needed if the networks begin with it.
+    pub fn push(&mut self, index: usize, frame: &Frame, shaded: Option<&Shaded>) -> Result<()> {
         self.next = index + 1;
         let last = self.next == self.sequence.len();
-        let view = view(self.sequence, index, frame, shaded);
         for network in self.networks.iter_mut().filter(|network| network.clips) {
+            let shaded = shaded.map(|shaded| shaded.of(network.options.keyframes));
+            let view = view(self.sequence, index, frame, shaded);
             network.spent += shaded.map_or(0.0, |(_, seconds)| *seconds);
             network.take(|session| {
                 let mut rendered = session.push(view)?;
@@ -90,10 +105,11 @@ impl<'a> NetworkSessions<'a> {
         method: &Method,
         index: usize,
         frame: &Frame,
-        shaded: Option<&(Rgb, f64)>,
+        shaded: Option<&Shaded>,
     ) -> Result<Option<(Rgb, f64)>> {
         let Some(network) = self.networks.iter_mut().find(|network| network.method == method) else { return Ok(None) };
         if !network.clips {
+            let shaded = shaded.map(|shaded| shaded.of(network.options.keyframes));
             let view = view(self.sequence, index, frame, shaded);
             network.spent += shaded.map_or(0.0, |(_, seconds)| *seconds);
             let ((), preparing) = timed(|| Ok(network.session.prepare(view.number)?))?;
@@ -105,9 +121,10 @@ impl<'a> NetworkSessions<'a> {
     }
 
     /// Renders a frame in a session of its own, so that the first frame that counts does not pay for caches.
-    pub fn warm_up(&self, method: &Method, index: usize, frame: &Frame, shaded: Option<&(Rgb, f64)>) -> Result<()> {
+    pub fn warm_up(&self, method: &Method, index: usize, frame: &Frame, shaded: Option<&Shaded>) -> Result<()> {
         let Some(network) = self.networks.iter().find(|network| network.method == method) else { return Ok(()) };
         let mut session = network.renderer.begin(self.sequence, network.options)?;
+        let shaded = shaded.map(|shaded| shaded.of(network.options.keyframes));
         session.push(view(self.sequence, index, frame, shaded))?;
         session.finish()?;
         Ok(())

@@ -161,6 +161,11 @@ pub enum Stage {
 }
 
 impl Stage {
+    /// Distance from one keyframe to the next, in frame numbers; `None` where no keyframes are read.
+    pub fn gap(&self) -> Option<usize> {
+        if let Self::Keyframes { gap, .. } = self { Some(*gap) } else { None }
+    }
+
     /// The options that all stages but the autoencoder's have.
     pub fn latents_mut(&mut self) -> Option<&mut LatentConfig> {
         match self {

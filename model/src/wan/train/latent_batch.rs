@@ -223,7 +223,15 @@ impl BatchSampler<'_> {
         }
         let stride = at(items[rng.random_range(0..items.len())]).stride;
         items.retain(|item| at(*item).stride == stride);
-        let has = |item: &Item, offset: i64| at(*item).offset(item.frame, offset).is_some();
+        // What a bridge from deferred shading begins with was carried from every `gap`-th frame, and no others are keyframes.
+        let carried = self.network.bridge_start == BridgeStart::Deferred;
+        let is_key = |clip: &ClipLatents, frame: usize| {
+            !carried || (clip.frames[frame].number - clip.frames[0].number).is_multiple_of(gap)
+        };
+        let has = |item: &Item, offset: i64| {
+            let clip = at(*item);
+            clip.offset(item.frame, offset).is_some_and(|frame| is_key(clip, frame))
+        };
         let mut choices: Vec<Vec<i64>> = Vec::new();
         for offset in (0..gap as i64).step_by(stride).map(|offset| -offset) {
             let both = vec![offset, offset + gap as i64];
