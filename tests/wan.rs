@@ -405,7 +405,12 @@ fn carried_keyframes_come_first(folder: &Path, data: &Path, weights: &Weights, b
     assert!(of("warp").iter().zip(of("deferred")).any(|(a, b)| (a - b).abs() > 0.6), "keyframes change nothing here");
     // So do files.
     let pictures = folder.join("infer/carried");
-    succeed(&[&["infer", "--keyframes", "--out", text(&pictures)][..], &from].concat());
+    let infer = || succeed(&[&["infer", "--keyframes", "--out", text(&pictures)][..], &from].concat());
+    infer();
+    let before = files(&pictures);
+    std::fs::remove_file(pictures.join("seq-000000/frame.0005.exr")).unwrap();
+    infer();
+    assert!(files(&pictures) == before, "a resumed run makes other pictures");
     let sequence = Sequence::open(&data.join("seq-000000")).unwrap();
     let mut shading = Shading::new(&sequence, &[], &sequence.transforms.keyframes).unwrap();
     // So does what training begins with.

@@ -23,34 +23,48 @@ pub struct Shading<'a> {
     lighting: Lighting,
     /// The shadow tiles of the frames so far.
     tiles: ShadowTiles,
-    /// What is carried, by stored index.
-    keys: Vec<(usize, Keyframe)>,
+    /// Stored indices of the keyframes, ascending.
+    keys: Vec<usize>,
+    /// The keyframes around the last frame, at most two.
+    near: Vec<(usize, Keyframe)>,
 }
 
 impl<'a> Shading<'a> {
     /// Loads the scene beside a sequence. It may name files in its own folder and in the folders `allowed`. The stored frames
-    /// `keys` are carried to all others.
+    /// `keys`, ascending, are carried to all others.
     ///
     /// # Errors
-    /// When the scene is missing, cannot be loaded or cannot be rendered, and when a keyframe cannot be read.
+    /// When the scene is missing, cannot be loaded or cannot be rendered.
     pub fn new(sequence: &'a Sequence, allowed: &[PathBuf], keys: &[usize]) -> Result<Self> {
         let file = sequence.folder.join("scene.json");
         let scene = Scene::read(&file).context("the network begins with deferred shading, which needs the scene")?;
         let loaded = load::load(&scene, &Reach::of(&file).allow(allowed)).with_context(|| file.display().to_string())?;
         let lighting = Lighting::new(Arc::clone(sequence.light()?), deferred::LIGHTS);
         let (scene, tiles) = (RenderScene::compile(&loaded)?, ShadowTiles::default());
-        let mut shading = Self { sequence, scene, hash: loaded.hash, lighting, tiles, keys: Vec::new() };
-        shading.keys = keyframes::prepare(sequence, keys, |index, frame| Ok(Some(shading.shade(index, frame)?.1)))?;
-        Ok(shading)
+        Ok(Self { sequence, scene, hash: loaded.hash, lighting, tiles, keys: keys.into(), near: Vec::new() })
     }
 
     /// Stored frame `index` of the sequence, which holds `stored`, as scene-linear radiance.
     ///
     /// # Errors
-    /// When the stored frame is of another scene, and when the frame cannot be rendered.
+    /// When the stored frame is of another scene, when the frame cannot be rendered, and when a keyframe cannot be read.
     pub fn picture(&mut self, index: usize, stored: &Frame) -> Result<Rgb> {
+        self.approach(index)?;
         let (frame, shaded) = self.shade(index, stored)?;
-        Ok(if self.keys.is_empty() { shaded } else { keyframes::warp(self.sequence, &self.keys, index, &frame, &shaded) })
+        Ok(if self.near.is_empty() { shaded } else { keyframes::warp(self.sequence, &self.near, index, &frame, &shaded) })
+    }
+
+    /// Prepares the keyframe at or before frame `index` and the one after it, and forgets the others.
+    fn approach(&mut self, index: usize) -> Result<()> {
+        let next = self.keys.partition_point(|&key| key <= index);
+        let wanted: Vec<usize> = self.keys[next.saturating_sub(1)..].iter().take(next.min(1) + 1).copied().collect();
+        let mut near = std::mem::take(&mut self.near);
+        near.retain(|(key, _)| wanted.contains(key));
+        let missing: Vec<usize> = wanted.into_iter().filter(|key| near.iter().all(|(there, _)| there != key)).collect();
+        let sequence = self.sequence;
+        near.extend(keyframes::prepare(sequence, &missing, |key, frame| Ok(Some(self.shade(key, frame)?.1)))?);
+        self.near = near;
+        Ok(())
     }
 
     /// The G-buffer of a frame, and its picture without keyframes.
