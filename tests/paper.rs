@@ -43,7 +43,7 @@ fn every_table_is_made_once() {
         ("Inverse rendering", 3),
         ("Training strategies", 5),
         ("Losses on pictures", 3),
-        ("Keyframe adapters", 9),
+        ("Keyframe adapters", 10),
         ("What the bridge begins with", 5),
         ("Distances between keyframes", 8),
         ("Steps", 3),
