@@ -31,7 +31,7 @@ pub struct Shading<'a> {
 
 impl<'a> Shading<'a> {
     /// Loads the scene beside a sequence. It may name files in its own folder and in the folders `allowed`. The stored frames
-    /// `keys`, ascending, are carried to all others.
+    /// `keys` are carried to all others.
     ///
     /// # Errors
     /// When the scene is missing, cannot be loaded or cannot be rendered.
@@ -41,7 +41,9 @@ impl<'a> Shading<'a> {
         let loaded = load::load(&scene, &Reach::of(&file).allow(allowed)).with_context(|| file.display().to_string())?;
         let lighting = Lighting::new(Arc::clone(sequence.light()?), deferred::LIGHTS);
         let (scene, tiles) = (RenderScene::compile(&loaded)?, ShadowTiles::default());
-        Ok(Self { sequence, scene, hash: loaded.hash, lighting, tiles, keys: keys.into(), near: Vec::new() })
+        let mut keys = keys.to_vec();
+        keys.sort_unstable();
+        Ok(Self { sequence, scene, hash: loaded.hash, lighting, tiles, keys, near: Vec::new() })
     }
 
     /// Stored frame `index` of the sequence, which holds `stored`, as scene-linear radiance.

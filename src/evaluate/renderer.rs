@@ -70,6 +70,12 @@ impl Options<'_> {
     fn begins_shaded(&self) -> bool {
         self.wan.is_some_and(|wan| wan.about().shaded)
     }
+
+    /// Whether a method of the paper's network begins with keyframes carried over deferred shading.
+    fn begins_carried(&self, method: &Method) -> bool {
+        let keyed = matches!(method, Method::Wan { keyframes: true, .. });
+        keyed && self.begins_shaded() && self.wan.is_some_and(|wan| wan.about().keyframes)
+    }
 }
 
 /// How the paper's network draws a picture.
@@ -144,12 +150,9 @@ impl<'a> MethodRenderer<'a> {
             let (made, seconds) = timed(|| DeferredBaseline::new(sequence, whole))?;
             once.push(("taking lights out of the environment, prefiltering the rest".to_owned(), seconds));
             let baseline = baseline.insert(made);
-            // The paper's network begins with carried keyframes where it has them.
-            let carries = |method: &Method| match method {
-                Method::Warp { deferred } => *deferred,
-                Method::Neural { keyframes } => *keyframes,
-                Method::Wan { keyframes, .. } => *keyframes && options.begins_shaded(),
-                _ => false,
+            let carries = |method: &Method| {
+                matches!(method, Method::Warp { deferred: true } | Method::Neural { keyframes: true })
+                    || options.begins_carried(method)
             };
             if methods.iter().any(carries) {
                 let ((), seconds) = timed(|| baseline.prepare_keyframes(&mut scene))?;
@@ -204,7 +207,9 @@ impl<'a> MethodRenderer<'a> {
         while let Some(next) = self.sessions.wanted(index) {
             self.scene.set_frame(self.sequence.numbers[next]);
             let frame = render_gbuffer(&self.scene, &settings)?;
-            let shaded = self.shaded(&frame, next, None)?;
+            let in_clips = |method: &&Method| matches!(method, Method::Wan { stills: false, .. });
+            let keyed = self.options.methods.iter().filter(in_clips).any(|method| self.options.begins_carried(method));
+            let shaded = self.shaded(&frame, (next, keyed), None)?;
             self.sessions.push(next, &frame, shaded.as_ref())?;
             cancel.check()?;
         }
@@ -232,7 +237,8 @@ impl<'a> MethodRenderer<'a> {
                 method => {
                     let made = match method {
                         Method::Wan { stills, .. } => {
-                            let shaded = || self.shaded(&shared.gbuffer, shared.index, Some(&shared.maps));
+                            let place = (shared.index, self.options.begins_carried(method));
+                            let shaded = || self.shaded(&shared.gbuffer, place, Some(&shared.maps));
                             let shaded = if *stills { shaded()? } else { None };
                             self.sessions.picture(method, shared.index, &shared.gbuffer, shaded.as_ref())?
                         }
@@ -280,15 +286,14 @@ impl<'a> MethodRenderer<'a> {
         Ok(Some(made))
     }
 
-    /// What the paper's network begins with, if that is deferred shading, of stored frame `index` with the G-buffer `frame`.
-    /// `maps` are the shadow maps of the frame, if it is its turn.
-    fn shaded(&self, frame: &Frame, index: usize, maps: Option<&Maps>) -> Result<Option<Shaded>> {
+    /// What the paper's network begins with, if that is deferred shading, of stored frame `index` with the G-buffer `frame`; with
+    /// carried keyframes too if `keyed`. `maps` are the shadow maps of the frame, if it is its turn.
+    fn shaded(&self, frame: &Frame, (index, keyed): (usize, bool), maps: Option<&Maps>) -> Result<Option<Shaded>> {
         let Some(baseline) = self.baseline.as_ref().filter(|_| self.options.begins_shaded()) else { return Ok(None) };
         let alone = match maps {
             Some(maps) => baseline.picture(&self.scene, frame, maps, None),
             None => baseline.picture_ahead(&self.scene, frame),
         }?;
-        let keyed = self.options.methods.iter().any(|method| matches!(method, Method::Wan { keyframes: true, .. }));
         let carried = keyed.then(|| baseline.carried(frame, index, &alone)).transpose()?;
         Ok(Some(Shaded { alone, carried }))
     }
@@ -306,7 +311,8 @@ impl<'a> MethodRenderer<'a> {
         let shared = self.share(settings, index)?;
         for method in self.options.methods {
             if method.is_wan() {
-                let shaded = self.shaded(&shared.gbuffer, index, Some(&shared.maps))?;
+                let place = (index, self.options.begins_carried(method));
+                let shaded = self.shaded(&shared.gbuffer, place, Some(&shared.maps))?;
                 self.sessions.warm_up(method, index, &shared.gbuffer, shaded.as_ref())?;
             } else if !matches!(method, Method::Traced(_)) {
                 self.shade(method, &shared)?;

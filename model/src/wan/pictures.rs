@@ -69,7 +69,8 @@ pub enum BridgeStart {
     Noise,
     /// The picture by deferred shading. The autoencoder codes the change of this picture and not the picture itself: the result
     /// is the start, plus the decoded prediction, minus the decoded start. What the autoencoder loses of both cancels, and a
-    /// network that has learnt nothing returns the start. With keyframes, they are carried over the picture before.
+    /// network that has learnt nothing returns the start. If keyframes are read, the start is keyframes carried over that
+    /// picture.
     Deferred,
 }
 
