@@ -13,6 +13,7 @@ use renderflow_frame::tracks::Movement;
 use renderflow_frame::warp::{Keyframe, Neighbour};
 use renderflow_frame::{Camera, Environment, Frame, Light};
 use renderflow_model::device::NetworkDevice;
+use renderflow_model::fusion::batch::TIERS;
 use renderflow_model::fusion::fill::Samples;
 use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, at, tint};
 use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
@@ -133,11 +134,14 @@ fn every_tier_learns() {
     let folder = tempfile::tempdir().unwrap();
     let held_out = [toy(1000).to_half(), toy(1001).to_half()];
     let config = config(folder.path(), 150);
-    let before = validate(&Fusion::untrained(&config.network, 1).unwrap(), &held_out).unwrap();
+    let before = validate(&Fusion::untrained(&config.network, 1).unwrap(), &held_out, &TIERS).unwrap();
     let summary = learn(&config, &held_out, &NetworkDevice::cpu(), u64::MAX);
     assert!(summary.finished && summary.steps == 150);
-    let after = validate(&Fusion::load(&summary.weights).unwrap(), &held_out).unwrap();
+    let after = validate(&Fusion::load(&summary.weights).unwrap(), &held_out, &TIERS).unwrap();
     assert_eq!(before.len(), after.len());
+    // The inputs of other tiers are not validated.
+    let first = validate(&Fusion::load(&summary.weights).unwrap(), &held_out, &TIERS[..1]).unwrap();
+    assert_eq!(first.into_iter().collect::<Vec<_>>(), [(TIERS[0].name.to_owned(), after[TIERS[0].name])]);
     for (name, psnr) in &after {
         let gain = psnr - before[name];
         assert!(gain > 0.5, "{name}: {} before, {psnr} after", before[name]);

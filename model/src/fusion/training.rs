@@ -1,7 +1,7 @@
 //! Training: sequences arrive from an endless source, the newest are kept in memory, and crops of their frames make the batches.
 //! The averaged weights are validated on a fixed set at every checkpoint.
 
-use super::batch::{self, Batch, TIERS};
+use super::batch::{self, Batch, Tier};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE};
 use super::loss::{Loss, LossWeights, display, loss};
 use super::record::{AROUND, PARTS, Record, Selection, at};
@@ -54,7 +54,7 @@ pub struct Config {
     pub products: Products,
     /// Weights of the terms of the loss.
     pub loss: LossWeights,
-    /// Names of the [`TIERS`] that are trained; empty for all.
+    /// Names of the [tiers](batch::TIERS) that are trained and validated; empty for all.
     pub tiers: Vec<String>,
 }
 
@@ -116,10 +116,18 @@ impl Config {
     /// [`Error::Config`] naming the option.
     pub fn validate(&self) -> Result<()> {
         self.network.validate()?;
-        batch::tiers(&self.tiers)?;
+        self.tiers()?;
         self.run.validate()?;
         Crop::check(&self.crops, MULTIPLE)?;
         self.rotation().validate()
+    }
+
+    /// The tiers that are trained, and validated.
+    ///
+    /// # Errors
+    /// [`Error::Config`] with the first name that no tier has.
+    pub fn tiers(&self) -> Result<Vec<Tier>> {
+        batch::tiers(&self.tiers)
     }
 
     /// The sequences in memory.
@@ -218,7 +226,7 @@ pub fn run(
         None => FusionNet::new(&config.network, config.run.seed, &device)?,
         Some(start) => start.fitted(&config.network)?.on(&device)?,
     };
-    let tiers = batch::tiers(&config.tiers)?;
+    let tiers = config.tiers()?;
     let runner = Runner { config, data: Some(source.identity()), context };
     std::thread::scope(|scope| {
         let batches = |first_step: u64| {
@@ -242,7 +250,7 @@ fn save(config: &Config, optimizer: &Optimizer, validation: &[Record<f16>], cont
     let averaged = Fusion::with_parameters(header, &optimizer.averaged())?.to(context.device)?;
     averaged.save(&runner::weights_path(&config.run.output), Precision::F16)?;
     if !validation.is_empty() {
-        let psnr = validate(&averaged, validation)?;
+        let psnr = validate(&averaged, validation, &config.tiers()?)?;
         let validated = Validation { step: optimizer.steps, psnr, others: BTreeMap::new() };
         validated.append(&config.run.output)?;
         (context.progress)(&Progress::Validated(validated));
@@ -250,12 +258,12 @@ fn save(config: &Config, optimizer: &Optimizer, validation: &[Record<f16>], cont
     Ok(())
 }
 
-/// The selections of a record that are validated: one for each tier whose inputs the record has. With samples, it takes the
+/// The selections of a record that are validated: one for each of the tiers whose inputs the record has. With samples, it takes the
 /// samples of one part; a tier of samples alone has one selection for each part.
-pub fn variants(record: &Record<f16>) -> Vec<(String, Selection)> {
+pub fn variants(record: &Record<f16>, tiers: &[Tier]) -> Vec<(String, Selection)> {
     let has = record.groups().flags();
     let mut found = Vec::new();
-    for tier in TIERS {
+    for tier in tiers {
         if has.into_iter().zip(tier.groups.flags()).any(|(has, given)| given && !has) {
             continue;
         }
@@ -278,14 +286,14 @@ pub fn variants(record: &Record<f16>) -> Vec<(String, Selection)> {
     found
 }
 
-/// Mean PSNR in dB over the covered pixels of `records`, for each of their [`variants`].
+/// Mean PSNR in dB over the covered pixels of `records`, for each of their [`variants`] in `tiers`.
 ///
 /// # Errors
 /// When a record is empty.
-pub fn validate(fusion: &Fusion, records: &[Record<f16>]) -> Result<BTreeMap<String, f32>> {
+pub fn validate(fusion: &Fusion, records: &[Record<f16>], tiers: &[Tier]) -> Result<BTreeMap<String, f32>> {
     let mut sums: BTreeMap<String, (f64, u32)> = BTreeMap::new();
     for record in records {
-        for (name, selection) in variants(record) {
+        for (name, selection) in variants(record, tiers) {
             let drawn = fusion.draw(record, &selection)?;
             let sum = sums.entry(name).or_default();
             sum.0 += psnr(record, &drawn);

@@ -10,6 +10,7 @@ use crate::util::picture;
 use anyhow::Result;
 use half::f16;
 use renderflow_frame::image::Rgb;
+use renderflow_model::fusion::batch::Tier;
 use renderflow_model::fusion::loss::display;
 use renderflow_model::fusion::record::{PARTS, at};
 use renderflow_model::fusion::training::{self, Config, Source, variants};
@@ -30,14 +31,19 @@ impl Learns for Config {
         Recipe::default()
     }
 
-    fn validation_recipe(recipe: &Recipe) -> Recipe {
+    fn validation_recipe(&self, recipe: &Recipe) -> Recipe {
+        let truth_spp = recipe.truth_spp.max(VALIDATION_SPP);
+        let reads = |which: fn(&Tier) -> bool| self.tiers().is_ok_and(|tiers| tiers.iter().any(which));
         Recipe {
-            truth_spp: recipe.truth_spp.max(VALIDATION_SPP),
+            truth_spp,
             frames: 1,
             samples: Some(VALIDATION_SAMPLES),
             fast: 0.0,
-            bare: 0.0,
-            keyed: 0.0,
+            // Samples are rendered only where a tier that is trained reads them.
+            bare: if reads(|tier| tier.groups.samples) { 0.0 } else { 1.0 },
+            keyed: if reads(|tier| tier.groups.keys) { 1.0 } else { 0.0 },
+            bare_spp: truth_spp,
+            key_spp: truth_spp,
             small: 0.0,
             skip: 0,
             count: None,
@@ -60,8 +66,9 @@ impl Learns for Config {
     fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], session: &Session) -> Result<()> {
         let Session { team, bars, cancel } = *session;
         let start = train.from.as_deref().map(Fusion::load).transpose()?;
-        let references = References::measure(&self.network, validation)?;
-        let sheets = |weights: &Path| sheets(weights, validation);
+        let tiers = self.tiers()?;
+        let references = References::measure(&self.network, validation, &tiers)?;
+        let sheets = |weights: &Path| sheets(weights, validation, &tiers);
         let monitor = Monitor::new(&self.run.output, &references.oidn, &sheets);
         for (what, psnr) in [("inputs of the network", &references.inputs), ("OIDN on the same samples", &references.oidn)] {
             if !psnr.is_empty() {
@@ -75,12 +82,12 @@ impl Learns for Config {
 }
 
 /// The sheets of the network in the file `weights`, by name.
-fn sheets(weights: &Path, validation: &[Record<f16>]) -> Result<Vec<(String, Rgb)>> {
+fn sheets(weights: &Path, validation: &[Record<f16>], tiers: &[Tier]) -> Result<Vec<(String, Rgb)>> {
     let network = Fusion::load(weights)?;
     let untrained = Fusion::untrained(&network.header().fusion, 0)?;
     let mut sheets = Vec::new();
     for name in SHEETS {
-        if let Some(sheet) = sheet(&network, &untrained, validation, name)? {
+        if let Some(sheet) = sheet(&network, &untrained, validation, tiers, name)? {
             sheets.push((name.replace([' ', '+'], "-"), sheet));
         }
     }
@@ -89,10 +96,10 @@ fn sheets(weights: &Path, validation: &[Record<f16>]) -> Result<Vec<(String, Rgb
 
 /// A sheet with one row for each frame that has the inputs `name`: the best input, the picture of the network, the truth, and the
 /// errors of the first two.
-fn sheet(network: &Fusion, untrained: &Fusion, frames: &[Record<f16>], name: &str) -> Result<Option<Rgb>> {
+fn sheet(network: &Fusion, untrained: &Fusion, frames: &[Record<f16>], tiers: &[Tier], name: &str) -> Result<Option<Rgb>> {
     let mut rows = Vec::new();
     for record in frames {
-        let Some((_, selection)) = variants(record).into_iter().find(|(variant, _)| variant == name) else { continue };
+        let Some((_, selection)) = variants(record, tiers).into_iter().find(|(variant, _)| variant == name) else { continue };
         let picture = |pixels: Vec<[f32; 3]>| Rgb {
             width: record.width,
             height: record.height,
@@ -111,4 +118,25 @@ fn sheet(network: &Fusion, untrained: &Fusion, frames: &[Record<f16>], name: &st
     let Some([first, ..]) = rows.first() else { return Ok(None) };
     let (width, height) = (first.width, first.height);
     Ok(Some(Rgb::from_fn(5 * width, rows.len() * height, |x, y| *rows[y / height][x / width].at(x % width, y % height))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What no trained tier reads is not rendered for validation. The truth is the same.
+    #[test]
+    fn validation_renders_what_is_trained() {
+        let recipe = |tiers: &[&str]| {
+            let tiers = tiers.iter().map(|&name| name.to_owned()).collect();
+            Config { tiers, ..Config::default() }.validation_recipe(&Recipe { key_spp: 16, ..Recipe::default() })
+        };
+        let shares = |recipe: &Recipe| [recipe.bare, recipe.keyed];
+        assert_eq!(shares(&recipe(&[])), [0.0, 1.0]);
+        assert_eq!(shares(&recipe(&["rays"])), [0.0, 0.0]);
+        assert_eq!(shares(&recipe(&["deferred"])), [1.0, 0.0]);
+        let keyed = recipe(&["deferred", "deferred+keys"]);
+        assert_eq!(shares(&keyed), [1.0, 1.0]);
+        assert_eq!([keyed.truth_spp, keyed.bare_spp, keyed.key_spp], [VALIDATION_SPP; 3]);
+    }
 }

@@ -25,7 +25,7 @@ impl Learns for Config {
         Recipe { bare: 1.0, frames: 1, ..Recipe::default() }
     }
 
-    fn validation_recipe(recipe: &Recipe) -> Recipe {
+    fn validation_recipe(&self, recipe: &Recipe) -> Recipe {
         Recipe { small: 0.0, skip: 0, count: None, ..recipe.clone() }
     }
 

@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use half::f16;
+use renderflow_model::fusion::batch::Tier;
 use renderflow_model::fusion::record::{PixelInputs, Stored, at};
 use renderflow_model::fusion::training::{psnr, validate, variants};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record};
@@ -18,13 +19,13 @@ pub(super) struct References {
 }
 
 impl References {
-    /// Measures both.
-    pub(super) fn measure(network: &FusionConfig, validation: &[Record<f16>]) -> Result<Self> {
-        let inputs = validate(&Fusion::untrained(network, 0)?, validation)?;
+    /// Measures both for the inputs of `tiers`.
+    pub(super) fn measure(network: &FusionConfig, validation: &[Record<f16>], tiers: &[Tier]) -> Result<Self> {
+        let inputs = validate(&Fusion::untrained(network, 0)?, validation, tiers)?;
         let mut oidn: BTreeMap<String, Vec<f64>> = BTreeMap::new();
         for record in validation {
             for (name, selection) in
-                variants(record).into_iter().filter(|(_, selection)| selection.groups.denoised && !selection.groups.keys)
+                variants(record, tiers).into_iter().filter(|(_, selection)| selection.groups.denoised && !selection.groups.keys)
             {
                 let mut stored = [0.0; at::COUNT];
                 let picture: Vec<[f32; 3]> = record
@@ -53,6 +54,7 @@ impl References {
 mod tests {
     use super::*;
     use renderflow_frame::image::Rgb;
+    use renderflow_model::fusion::batch::TIERS;
 
     /// Half of each pixel shows the environment. Surface and environment are separated, and joined again.
     #[test]
@@ -67,7 +69,7 @@ mod tests {
         }
         record.add_denoised(0, &Rgb::filled(16, 16, [0.25; 3]), 2.0);
         let record = record.to_half();
-        let references = References::measure(&FusionConfig::default(), &[record]).expect("both are measured");
+        let references = References::measure(&FusionConfig::default(), &[record], &TIERS).expect("both are measured");
         assert_eq!(references.inputs.keys().collect::<Vec<_>>(), ["denoised 2", "rays 2"]);
         assert_eq!(
             references.oidn.into_iter().collect::<Vec<_>>(),

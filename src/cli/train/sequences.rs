@@ -21,7 +21,7 @@ pub(super) trait Learns: TrainingConfig + Default {
     /// The recipe of its sequences.
     fn recipe() -> Recipe;
     /// The recipe of the frames that a run with `recipe` is validated on.
-    fn validation_recipe(recipe: &Recipe) -> Recipe;
+    fn validation_recipe(&self, recipe: &Recipe) -> Recipe;
     /// Kinds of crop.
     fn crops(&self) -> &[Crop];
     /// Number of sequences that are made before the first step.
@@ -100,7 +100,7 @@ impl Train {
             return Ok(());
         }
         let bars = self.bars(team, options.training.first());
-        let tested = Planned::new(&plan, [counts.train, counts.val], C::validation_recipe(&options.recipe), cancel);
+        let tested = Planned::new(&plan, [counts.train, counts.val], options.training.validation_recipe(&options.recipe), cancel);
         if !tested.denoises() {
             bars.note("OIDN is not found: the network learns from noisy truth");
         }
@@ -139,7 +139,7 @@ impl Train {
         };
         let mut records = Vec::new();
         if let Some(held_out) = held_out.as_ref().filter(|_| team.leads()) {
-            let tested = Recorded::new(held_out, allowed, C::validation_recipe(&options.recipe), cancel)?;
+            let tested = Recorded::new(held_out, allowed, options.training.validation_recipe(&options.recipe), cancel)?;
             let count = options.validation.min(held_out.sequences.len() as u32);
             records = self.kept(&tested, 1, &|tested| validation(&bars, count, tested, cancel))?;
         }
