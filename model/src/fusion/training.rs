@@ -258,8 +258,8 @@ fn save(config: &Config, optimizer: &Optimizer, validation: &[Record<f16>], cont
     Ok(())
 }
 
-/// The selections of a record that are validated: one for each of the tiers whose inputs the record has. With samples, it takes the
-/// samples of one part; a tier of samples alone has one selection for each part.
+/// The selections of a record that are validated: one for each of the tiers whose inputs the record has. With samples, it takes
+/// the samples of one part; a tier of samples alone has one selection for each part.
 pub fn variants(record: &Record<f16>, tiers: &[Tier]) -> Vec<(String, Selection)> {
     let has = record.groups().flags();
     let mut found = Vec::new();
