@@ -61,7 +61,7 @@ impl Sequence {
 
     /// Names of the combinations of inputs from which frame `frame` can be rendered.
     fn variants(&self, frame: usize) -> PyResult<Vec<String>> {
-        Ok(variants(self.record(frame)?).into_iter().map(|(name, _)| name).collect())
+        Ok(variants(self.record(frame)?, &TIERS).into_iter().map(|(name, _)| name).collect())
     }
 
     /// The whole frame `frame` with the inputs `variant`, padded on the right and below.
@@ -80,7 +80,7 @@ impl Sequence {
     }
 
     fn selection(&self, frame: usize, variant: &str) -> PyResult<Selection> {
-        let found = variants(self.record(frame)?).into_iter().find(|(name, _)| name == variant);
+        let found = variants(self.record(frame)?, &TIERS).into_iter().find(|(name, _)| name == variant);
         let unknown = || PyValueError::new_err(format!("frame {frame} cannot be rendered from {variant:?}"));
         found.map(|(_, selection)| selection).ok_or_else(unknown)
     }
