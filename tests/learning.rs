@@ -80,3 +80,37 @@ fn sequences_are_bare_or_full_small_or_large_and_may_be_passed_over() {
     assert!(of(1, 0)[2].pixels == of(0, 1)[2].pixels);
     assert_eq!(common::files(&kept).len(), 2);
 }
+
+/// A bare sequence under other lights: the surfaces stay, and everything that light makes changes. Its own light comes first.
+#[test]
+fn sequences_may_be_shown_under_other_lights() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("plan.json");
+    let sizes = ["--seed", "4", "--sequences", "4", "--frames", "18", "--resolution", "16", "--spp", "1"];
+    succeed(&[&["dataset", "plan", "--denoise", "none", "-o", file.to_str().unwrap()][..], &sizes].concat());
+    let (plan, cancel) = (Plan::read(&file).unwrap(), Cancel::default());
+    let quick = Recipe { truth_spp: 2, bare_spp: 64, key_spp: 64, frames: 1, samples: Some([1; 4]), ..Recipe::default() };
+    let records = |bare: f64, relit: u32| {
+        let recipe = Recipe { bare, keyed: 1.0, relit, ..quick.clone() };
+        Planned::new(&plan, [0, 3], recipe, &cancel).records(1).unwrap()
+    };
+    let (own, all) = (records(1.0, 0), records(1.0, 2));
+    assert_eq!((own.len(), all.len()), (3, 9));
+    assert!(own.iter().zip(&all).all(|(a, b)| a.pixels == b.pixels), "the scene's own light comes first");
+    let of = |record: &Record<f32>, from: usize, to: usize| -> Vec<f32> {
+        record.pixels.chunks_exact(at::COUNT).flat_map(|pixel| pixel[from..to].to_vec()).collect()
+    };
+    for (i, record) in all.iter().enumerate().skip(3) {
+        let same = &all[i % 3];
+        assert_eq!(record.groups(), same.groups());
+        assert!(of(record, 0, at::BACKGROUND) == of(same, 0, at::BACKGROUND), "surfaces change");
+        for (from, to) in [(at::LIT, at::REFLECTED), (at::TERMS, at::SKY), (at::TRUTH, at::COUNT)] {
+            assert!(of(record, from, to) != of(same, from, to), "{i}: {from}..{to} stays");
+        }
+        // Deferred shading follows the truth from light to light.
+        let sum = |from: usize, to: usize| of(record, from, to).iter().map(|&v| f64::from(v)).sum::<f64>();
+        let ratio = sum(at::TERMS, at::SKY) / sum(at::TRUTH, at::COUNT);
+        assert!(ratio > 0.5 && ratio < 2.0, "{i}: {ratio}");
+    }
+    assert_eq!(records(0.0, 2).len(), 3, "sequences with samples have their own light alone");
+}

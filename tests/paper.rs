@@ -6,7 +6,7 @@ use clap::ValueEnum;
 use common::{renderflow, stderr};
 use renderflow::paper::Part;
 use serde_json::Value;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 fn smoke(out: &Path, words: &[&str]) -> Value {
     let output = renderflow(&[&["paper", "--smoke", "--json", "-q", "-o", out.to_str().unwrap()][..], words].concat());
@@ -94,6 +94,29 @@ fn every_table_is_made_once() {
     assert!(before == common::files(&out.join("rows")));
 }
 
+/// An autoencoder that was trained elsewhere gives the rows that it gives where it was trained.
+#[test]
+fn rows_stand_on_the_autoencoder_that_is_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let (here, there) = (folder.path().join("here"), folder.path().join("there"));
+    let rows = |tables: Value| tables[0]["rows"].as_array().unwrap().iter().map(|row| first(row).1).collect::<Vec<_>>();
+    let trained = rows(smoke(&here, &["--only", "losses"]));
+    let runs = |out: &Path| -> Vec<PathBuf> {
+        let of = |entry: std::io::Result<std::fs::DirEntry>| entry.unwrap().path();
+        let name = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().starts_with("autoencoder");
+        std::fs::read_dir(out.join("runs")).unwrap().map(of).filter(name).collect()
+    };
+    let weights = runs(&here)[0].join("weights.safetensors");
+    let words = ["--only", "losses", "--vae", weights.to_str().unwrap()];
+    assert_eq!(rows(smoke(&there, &words)), trained);
+    let given = runs(&there);
+    assert_eq!(given.len(), 1);
+    assert!(std::fs::read(given[0].join("weights.safetensors")).unwrap() == std::fs::read(&weights).unwrap());
+    assert!(!given[0].join("log.jsonl").exists(), "it was trained again");
+    let text = std::fs::read_to_string(there.join("paper.md")).unwrap();
+    assert!(text.contains("the autoencoder is given"), "{text}");
+}
+
 #[test]
 fn folders_of_other_things_and_impossible_times_are_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -109,6 +132,7 @@ fn folders_of_other_things_and_impossible_times_are_refused() {
         (&["--resolution", "100"], "no multiple of 32"),
         (&["--only", "nothing"], "invalid value"),
         (&["--smoke", "--weights", missing], "no-weights"),
+        (&["--smoke", "--only", "losses", "--vae", missing], "no-weights"),
     ] {
         let output = renderflow(&[&["paper", "-o", out][..], words].concat());
         assert!(!output.status.success() && stderr(&output).contains(said), "{words:?}: {}", stderr(&output));

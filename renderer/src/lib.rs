@@ -45,6 +45,7 @@ pub use integrator::{
     Memory, develop, expose, expose_whole, ibl, render, render_gbuffer, render_gbuffer_until, render_mapped, render_with_shutter,
     render_with_stats,
 };
+pub use light::LightGroups;
 pub use material::Mode;
 pub use sampler::Sampler;
 pub use schedule::Progress;

@@ -226,7 +226,7 @@ impl Settings {
     }
 
     /// The light groups; `None` where the light is not split.
-    pub(crate) fn groups(&self, scene: &RenderScene) -> Option<LightGroups> {
+    pub fn groups(&self, scene: &RenderScene) -> Option<LightGroups> {
         let groups = LightGroups::new(self.light_groups as usize, scene.environment().rotation).ok()?;
         Some(if scene.features().lights() { groups.with_emitters() } else { groups })
     }

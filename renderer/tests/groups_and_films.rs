@@ -109,6 +109,40 @@ fn groups_turn_with_the_environment() {
     }
 }
 
+/// The sum of the groups with a factor for each is the picture under the environment whose groups have these factors.
+#[test]
+fn groups_with_factors_are_the_picture_under_other_light() {
+    let factors: [[f32; 3]; 8] = std::array::from_fn(|g| [0, 1, 2].map(|c| ((g * 3 + c * 5) % 9) as f32 * 0.5));
+    for (constant, lamp, rotation) in [(false, false, 0.0), (false, true, 2.1), (true, false, -1.0)] {
+        let mut loaded = room(lamp);
+        loaded.environment.rotation = rotation;
+        if constant {
+            loaded.environment = Environment { rotation, ..Environment::constant([0.8, 0.5, 0.3]) };
+        }
+        let settings = Settings { spp: 4096, light_groups: 8, ..Settings::default() };
+        let scene = compile(&loaded);
+        let groups = settings.groups(&scene).unwrap();
+        let mut factors = factors;
+        if lamp {
+            factors[groups.emitters()] = [1.0; 3];
+        }
+        let (frame, _) = render_with(&scene, &settings);
+        loaded.environment = groups.weighed(&loaded.environment, &factors);
+        let (other, _) = render_with(&compile(&loaded), &Settings { light_groups: 0, ..settings });
+        let (mut difference, mut whole) = ([0.0f64; 3], [0.0f64; 3]);
+        for (i, expected) in pixels(&other.raw).iter().enumerate() {
+            for c in 0..3 {
+                let sum: f32 = frame.light.iter().zip(&factors).map(|(light, factors)| pixels(light)[i][c] * factors[c]).sum();
+                difference[c] += f64::from(sum - expected[c]);
+                whole[c] += f64::from(expected[c]);
+            }
+        }
+        let error: Vec<f64> = (0..3).map(|c| difference[c] / whole[c]).collect();
+        println!("constant {constant}, lamp {lamp}: {error:?}");
+        assert!(error.iter().all(|error| error.abs() < 0.01), "{error:?}");
+    }
+}
+
 fn part(scene: &RenderScene, settings: &Settings, samples: Range<u32>) -> Film {
     expose(scene, settings, samples, &|_, _| (), &AtomicBool::new(false)).expect("in range").0
 }

@@ -33,6 +33,9 @@ pub struct Paper {
     /// Weights of the network that reads samples. Without it, the weights inside the program are used
     #[arg(long, help_heading = "Network")]
     weights: Option<PathBuf>,
+    /// Weights of an autoencoder for the paper's network. Without it, one is trained first
+    #[arg(long, help_heading = "Network")]
+    vae: Option<PathBuf>,
     #[command(flatten)]
     device: DeviceArgs,
     /// Folder to write to
@@ -53,7 +56,7 @@ impl Paper {
         let fusion = super::fusion(self.weights.as_deref(), &self.device.open()?)?;
         let scale = if self.smoke { Scale::smoke() } else { Scale::whole(self.minutes, self.resolution) };
         let parts = if self.only.is_empty() { Part::value_variants() } else { &self.only };
-        let options = paper::Options { parts, scale: &scale, fusion: &fusion, lpips: &lpips };
+        let options = paper::Options { parts, scale: &scale, fusion: &fusion, autoencoder: self.vae.as_deref(), lpips: &lpips };
         let (text, tables) = paper::run(&options, &self.out, cancel)?;
         if self.json {
             println!("{}", serde_json::to_string_pretty(&tables)?);

@@ -2,6 +2,7 @@
 //! and with many, shades them, and carries keyframes to them.
 
 pub mod kept;
+mod relit;
 
 pub use kept::Kept;
 
@@ -12,7 +13,9 @@ use anyhow::{Context, Result, ensure};
 use half::f16;
 use rand::RngExt;
 use rand::seq::SliceRandom;
+use relit::{Lit, Truth};
 use renderflow_frame::Frame;
+use renderflow_frame::frame::LIGHT_GROUPS;
 use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
@@ -22,7 +25,7 @@ use renderflow_model::fusion::fill::{Samples, background};
 use renderflow_model::fusion::record::{self, ALL_BEFORE, AROUND, NEIGHBOURS, PARTS, PICTURES};
 use renderflow_model::fusion::training::Source;
 use renderflow_model::fusion::{Record, batch::BEFORE};
-use renderflow_renderer::deferred::{self, Deferred, Lighting, Options, shadow_maps};
+use renderflow_renderer::deferred::{self, Deferred, Options, shadow_maps};
 use renderflow_renderer::denoise::{self, Denoiser, Quality};
 use renderflow_renderer::{Channels, RenderScene, Settings, render, render_gbuffer};
 use renderflow_scenes::catalog::Catalog;
@@ -66,6 +69,11 @@ pub struct Recipe {
     /// Share of the sequences of a plan, 0..=1, that are rendered at half the width and height. They take a quarter of the time,
     /// so that a network sees more scenes. Crops that do not fit them are taken from the others.
     pub small: f64,
+    /// Number of times that a bare sequence is shown under yet another light. Each group of directions of its environment
+    /// ([`renderflow_renderer::LightGroups`]) becomes up to two stops brighter or darker, and tinged. The truth of all is one
+    /// render, so that another light takes less time than another scene.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub relit: u32,
     /// Number of sequences at the beginning that are passed over, because an earlier run learned from them.
     pub skip: u64,
     /// Number of sequences that follow each other before the first one comes again; `None` never repeats one.
@@ -85,10 +93,16 @@ impl Default for Recipe {
             bare_spp: 16,
             key_spp: 64,
             small: 0.0,
+            relit: 0,
             skip: 0,
             count: None,
         }
     }
+}
+
+/// Recipes from before other lights keep their names.
+fn is_zero(relit: &u32) -> bool {
+    *relit == 0
 }
 
 impl Recipe {
@@ -137,12 +151,6 @@ struct Maker<'a> {
     cancel: &'a Cancel,
 }
 
-/// One frame, rendered.
-struct RenderedFrame {
-    gbuffer: Frame,
-    shaded: Deferred,
-}
-
 /// The frames of one sequence that are used, by number.
 struct SelectedFrames {
     keys: [usize; 2],
@@ -189,8 +197,9 @@ impl<'a> Recorded<'a> {
     /// Uses the sequences of `dataset`, whose scenes may name files in the folders `allowed`.
     ///
     /// # Errors
-    /// When a file of the dataset cannot be read, or differs from its record.
+    /// When the recipe asks for other lights, or when a file of the dataset cannot be read or differs from its record.
     pub fn new(dataset: &'a Dataset, allowed: &'a [PathBuf], recipe: Recipe, cancel: &'a Cancel) -> Result<Self> {
+        ensure!(recipe.relit == 0, "recipe.relit: a dataset holds its truth under one light: train on a plan instead");
         (0..dataset.sequences.len()).try_for_each(|index| dataset.check_scene(index))?;
         Ok(Self { dataset, digest: dataset.digest()?, allowed, maker: Maker::new(recipe, cancel) })
     }
@@ -224,7 +233,8 @@ impl<'a> Recorded<'a> {
                 let frame = self.dataset.frame(which, index)?;
                 let name = &sequence.transforms.files[index];
                 ensure!(frame.info.scene_hash == loaded.hash, "{name}: is of another scene than scene.json");
-                frame.beauty.with_context(|| format!("{name}: has no beauty"))
+                let picture = frame.beauty.with_context(|| format!("{name}: has no beauty"))?;
+                Ok(Truth { picture, traced: None })
             };
             self.maker.records(&loaded, &selected, seed, &truth)
         };
@@ -233,10 +243,24 @@ impl<'a> Recorded<'a> {
 }
 
 /// Checks that `truth` has the size of its frame.
-fn fitting(truth: Rgb, frame: &Frame) -> Result<Rgb> {
-    let (found, expected) = ([truth.width, truth.height], [frame.width, frame.height]);
+fn fitting(truth: Truth, frame: &Frame) -> Result<Truth> {
+    let (found, expected) = ([truth.picture.width, truth.picture.height], [frame.width, frame.height]);
     ensure!(found == expected, "the truth has {found:?} pixels where the scene has {expected:?}");
     Ok(truth)
+}
+
+/// The deferred picture of the frame at which `scene` stands.
+fn deferred_picture(scene: &RenderScene, gbuffer: &Frame, lit: &Lit) -> Deferred {
+    let shadows = shadow_maps(scene, &lit.lighting, gbuffer);
+    deferred::shade(gbuffer, &lit.lighting, &shadows, &Options::default())
+}
+
+/// A record of the G-buffer, its deferred picture and its truth.
+fn shaded_record(gbuffer: &Frame, shaded: &Deferred, truth: &Rgb, lit: &Lit) -> Record<f32> {
+    let mut record = Record::of(gbuffer, &shaded.surfaces, lit.exposure);
+    record.add_deferred(&shaded.terms, lit.exposure);
+    record.add_truth(truth, lit.exposure);
+    record
 }
 
 /// Draws one of `count`, by name.
@@ -283,7 +307,7 @@ impl<'a> Maker<'a> {
         loaded: &LoadedScene,
         selected: &SelectedFrames,
         seed: Seed,
-        truth: &dyn Fn(usize, &RenderScene) -> Result<Rgb>,
+        truth: &dyn Fn(usize, &RenderScene) -> Result<Truth>,
     ) -> Result<Vec<Record<f32>>> {
         let SelectedFrames { keys, between } = selected;
         let frames = loaded.cameras.len();
@@ -291,48 +315,46 @@ impl<'a> Maker<'a> {
         let tracks = super::job::tracks(loaded, &numbers);
 
         let mut scene = RenderScene::compile(loaded)?;
-        let exposure = scene.exposure();
+        let bare = self.bare(seed);
+        let lights = self.lights(&scene, seed);
+        let Lit { exposure, .. } = lights[0];
         let light = Arc::clone(scene.light());
-        let lighting = Lighting::new(Arc::clone(&light), deferred::LIGHTS);
 
-        let mut records = Vec::new();
-        let mut carried = Vec::new();
+        // One list for each light.
+        let mut records: Vec<Vec<Record<f32>>> = lights.iter().map(|_| Vec::new()).collect();
+        let mut carried: Vec<Vec<Keyframe>> = lights.iter().map(|_| Vec::new()).collect();
         for &number in keys {
-            let rendered = self.gbuffer_and_deferred(&mut scene, number, &lighting)?;
-            let truth = fitting(truth(number, &scene)?, &rendered.gbuffer)?;
-            let mut record = Record::of(&rendered.gbuffer, &rendered.shaded.surfaces, exposure);
-            record.add_deferred(&rendered.shaded.terms, exposure);
-            record.add_truth(&truth, exposure);
-            records.push(record);
-            carried.push(Keyframe { frame: rendered.gbuffer, truth, start: Some(rendered.shaded.image) });
+            scene.set_frame(number);
+            let gbuffer = render_gbuffer(&scene, &Settings::default())?;
+            let truth = fitting(truth(number, &scene)?, &gbuffer)?;
+            for ((lit, records), carried) in lights.iter().zip(&mut records).zip(&mut carried) {
+                let shaded = deferred_picture(&scene, &gbuffer, lit);
+                let truth = self.truth_under(lit, &truth)?;
+                records.push(shaded_record(&gbuffer, &shaded, &truth, lit));
+                carried.push(Keyframe { frame: gbuffer.clone(), truth, start: Some(shaded.image) });
+            }
         }
         for &number in between {
-            let rendered = self.gbuffer_and_deferred(&mut scene, number, &lighting)?;
-            let truth = fitting(truth(number, &scene)?, &rendered.gbuffer)?;
-            let mut record = Record::of(&rendered.gbuffer, &rendered.shaded.surfaces, exposure);
-            record.add_deferred(&rendered.shaded.terms, exposure);
-            record.add_truth(&truth, exposure);
-            let bare = self.bare(seed);
-            if bare && !self.keyed(seed) {
+            scene.set_frame(number);
+            let gbuffer = render_gbuffer(&scene, &Settings::default())?;
+            let truth = fitting(truth(number, &scene)?, &gbuffer)?;
+            for ((lit, records), carried) in lights.iter().zip(&mut records).zip(&carried) {
+                let shaded = deferred_picture(&scene, &gbuffer, lit);
+                let mut record = shaded_record(&gbuffer, &shaded, &self.truth_under(lit, &truth)?, lit);
+                if !bare || self.keyed(seed) {
+                    for (k, key) in carried.iter().enumerate() {
+                        let distance = keys[k] as f32 - number as f32;
+                        let movement = tracks.between(number, keys[k]);
+                        record.add_key(k, &Neighbour { key, distance, movement }, &gbuffer, Some(&shaded.image), lit.exposure);
+                    }
+                }
                 records.push(record);
-                continue;
-            }
-            for (k, key) in carried.iter().enumerate() {
-                let distance = keys[k] as f32 - number as f32;
-                let movement = tracks.between(number, keys[k]);
-                record.add_key(
-                    k,
-                    &Neighbour { key, distance, movement },
-                    &rendered.gbuffer,
-                    Some(&rendered.shaded.image),
-                    exposure,
-                );
             }
             if bare {
-                records.push(record);
                 continue;
             }
-            let alone = ibl::shade(&rendered.gbuffer, &light);
+            let record = records[0].last_mut().context("the record of the frame")?;
+            let alone = ibl::shade(&gbuffer, &light);
             record.add_environment(&alone, exposure);
             // Truth, samples and neighbours use different random numbers.
             let samples = self.samples(seed, number);
@@ -350,47 +372,58 @@ impl<'a> Maker<'a> {
                 let traced = self.trace(&scene, samples[0], true)?;
                 let behind = background(scene.camera(), &traced.alpha, &light.environment);
                 let movement = tracks.between(number, other);
-                let source = warp::nearest(&rendered.gbuffer, &traced, Some(&|id| movement.of(id)));
+                let source = warp::nearest(&gbuffer, &traced, Some(&|id| movement.of(id)));
                 record.add_neighbour(n, &Samples::of(&traced, &behind).context("samples")?, &source, exposure);
             }
-            self.add_denoised(&mut record, seed.child("denoised", number as u64), exposure)?;
-            records.push(record);
+            self.add_denoised(record, seed.child("denoised", number as u64), exposure)?;
             scene.reseed(loaded.seed);
         }
-        Ok(records)
+        Ok(records.into_iter().flatten().collect())
     }
 
-    /// Makes the G-buffer and the deferred picture of frame `number`; `scene` stays at that frame.
-    fn gbuffer_and_deferred(&self, scene: &mut RenderScene, number: usize, lighting: &Lighting) -> Result<RenderedFrame> {
-        scene.set_frame(number);
-        let gbuffer = render_gbuffer(scene, &Settings::default())?;
-        let shadows = shadow_maps(scene, lighting, &gbuffer);
-        let shaded = deferred::shade(&gbuffer, lighting, &shadows, &Options::default());
-        Ok(RenderedFrame { gbuffer, shaded })
+    /// The lights under which a sequence of `seed` is shown, its own first.
+    fn lights(&self, scene: &RenderScene, seed: Seed) -> Vec<Lit> {
+        let groups = self.tracing(1, false, self.groups(seed)).groups(scene);
+        let others = groups
+            .iter()
+            .flat_map(|groups| (0..self.recipe.relit).map(move |k| Lit::changed(scene, groups, seed.child("relit", k.into()))));
+        std::iter::once(Lit::own(scene)).chain(others).collect()
+    }
+
+    /// Groups into which the light of the truth is split in a sequence of `seed`.
+    fn groups(&self, seed: Seed) -> u32 {
+        if self.recipe.relit > 0 && self.bare(seed) { LIGHT_GROUPS as u32 } else { 0 }
+    }
+
+    /// The settings of a picture.
+    fn tracing(&self, spp: u32, surfaces: bool, light_groups: u32) -> Settings {
+        let channels = Channels { guides: true, gbuffer: surfaces, ..Channels::BEAUTY };
+        Settings { spp, max_bounces: self.recipe.max_bounces, channels, light_groups, ..Settings::default() }
     }
 
     fn trace(&self, scene: &RenderScene, spp: u32, surfaces: bool) -> Result<Frame> {
-        let channels = Channels { guides: true, gbuffer: surfaces, ..Channels::BEAUTY };
-        let settings = Settings { spp, max_bounces: self.recipe.max_bounces, channels, ..Settings::default() };
-        Ok(render(scene, &settings, &|_, _| (), self.cancel)?)
+        Ok(render(scene, &self.tracing(spp, surfaces, 0), &|_, _| (), self.cancel)?)
     }
 
     /// The truth of the frame at which `scene` stands, in a sequence of `seed`. `key` says whether it is a keyframe.
-    fn truth(&self, scene: &RenderScene, seed: Seed, key: bool) -> Result<Rgb> {
+    fn truth(&self, scene: &RenderScene, seed: Seed, key: bool) -> Result<Truth> {
         let spp = match self.bare(seed) {
             false => self.recipe.truth_spp,
             true if key && self.keyed(seed) => self.recipe.key_spp,
             true => self.recipe.bare_spp,
         };
-        let traced = self.trace(scene, spp, false)?;
-        let raw = traced.raw.context("the path tracer made no picture")?;
-        match &self.denoisers {
-            Some([denoiser, _]) => {
-                let mut denoiser = denoiser.lock().unwrap_or_else(PoisonError::into_inner);
-                Ok(denoiser.denoise(&raw, traced.guide_albedo.as_ref(), traced.guide_normal.as_ref())?)
-            }
-            None => Ok(raw),
-        }
+        let groups = self.groups(seed);
+        let mut traced = render(scene, &self.tracing(spp, false, groups), &|_, _| (), self.cancel)?;
+        let raw = traced.raw.take().context("the path tracer made no picture")?;
+        let picture = self.denoised(raw, &traced)?;
+        Ok(Truth { picture, traced: (groups > 0).then_some(traced) })
+    }
+
+    /// `raw` after OIDN with the guides of `traced`, where OIDN is found.
+    fn denoised(&self, raw: Rgb, traced: &Frame) -> Result<Rgb> {
+        let Some([denoiser, _]) = &self.denoisers else { return Ok(raw) };
+        let mut denoiser = denoiser.lock().unwrap_or_else(PoisonError::into_inner);
+        Ok(denoiser.denoise(&raw, traced.guide_albedo.as_ref(), traced.guide_normal.as_ref())?)
     }
 
     /// The samples for each pixel of each part of frame `number`.

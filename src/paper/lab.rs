@@ -1,6 +1,7 @@
 //! Makes data, trains networks and evaluates them for the tables. Everything is kept in the output folder under a name that
 //! follows from its recipe, so that nothing is made twice, and a changed recipe is made again.
 
+use super::Options;
 use super::scale::{Data, Run, Scale};
 use crate::dataset::sequence::Sequence;
 use crate::dataset::shard::Shard;
@@ -23,7 +24,8 @@ use renderflow_model::train::Team;
 use renderflow_model::train::runner::RunContext;
 use renderflow_model::wan::pictures::BridgeStart;
 use renderflow_model::wan::train::{self, Config};
-use renderflow_model::wan::{self, Autoencoder};
+use renderflow_model::wan::{self, Autoencoder, Vae, VaeConfig};
+use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::collections::{BTreeSet, HashMap};
@@ -40,6 +42,8 @@ pub struct Lab<'a> {
     pub out: &'a Path,
     /// The network that reads samples.
     pub fusion: &'a Fusion,
+    /// Weights of an autoencoder for the paper's network; without them it is trained.
+    pub autoencoder: Option<&'a Path>,
     /// LPIPS, if its weights are there.
     pub lpips: &'a Networks,
     /// Stops the work.
@@ -87,8 +91,9 @@ pub struct Ask<'a> {
 
 impl<'a> Lab<'a> {
     /// A lab in the folder `out`.
-    pub fn new(scale: &'a Scale, out: &'a Path, fusion: &'a Fusion, lpips: &'a Networks, cancel: &'a Cancel) -> Self {
-        Self { scale, out, fusion, lpips, cancel, there: RefCell::default(), trained: RefCell::default() }
+    pub fn new(options: &Options<'a>, out: &'a Path, cancel: &'a Cancel) -> Self {
+        let Options { scale, fusion, autoencoder, lpips, .. } = *options;
+        Self { scale, out, fusion, autoencoder, lpips, cancel, there: RefCell::default(), trained: RefCell::default() }
     }
 
     /// The usual question: methods on the test sequences.
@@ -113,6 +118,11 @@ impl<'a> Lab<'a> {
             return Ok(trained.clone());
         }
         self.cancel.check()?;
+        if let (Run::Autoencoder, Some(file)) = (run, self.autoencoder) {
+            let given = self.given(file)?;
+            self.trained.borrow_mut().insert(run, given.clone());
+            return Ok(given);
+        }
         let autoencoder = if run == Run::Autoencoder { None } else { Some(self.train(Run::Autoencoder)?) };
         let renderer = run.renderer().map(|renderer| self.train(renderer)).transpose()?;
         let mut config = self.scale.config(run)?;
@@ -134,6 +144,21 @@ impl<'a> Lab<'a> {
         let trained = Trained { folder, steps: done.steps, seconds: done.seconds };
         self.trained.borrow_mut().insert(run, trained.clone());
         Ok(trained)
+    }
+
+    /// A copy of the autoencoder in `file`, as if it had been trained here.
+    fn given(&self, file: &Path) -> Result<Trained> {
+        let bytes = file::read(file)?;
+        let hash = blake3::hash(&bytes).to_hex();
+        let folder = self.out.join("runs").join(format!("{}-given-{}", Run::Autoencoder.name(), &hash[..10]));
+        let given = Trained { folder, steps: 0, seconds: 0.0 };
+        if !given.weights().is_file() {
+            SafeTensors::deserialize(&bytes).with_context(|| format!("{}: not a safetensors file", file.display()))?;
+            Vae::open(file, &VaeConfig::wan(), self.fusion.device().device())?;
+            std::fs::create_dir_all(&given.folder)?;
+            file::write_atomic(&given.weights(), &bytes)?;
+        }
+        Ok(given)
     }
 
     fn learn(&self, run: Run, config: &Config, data: Data, count: u32) -> Result<Done> {

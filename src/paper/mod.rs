@@ -35,6 +35,8 @@ pub struct Options<'a> {
     pub scale: &'a Scale,
     /// The network that reads samples.
     pub fusion: &'a Fusion,
+    /// Weights of an autoencoder for the paper's network; without them it is trained.
+    pub autoencoder: Option<&'a Path>,
     /// LPIPS, if its weights are there.
     pub lpips: &'a Networks,
 }
@@ -47,8 +49,8 @@ pub struct Options<'a> {
 pub fn run(options: &Options, out: &Path, cancel: &Cancel) -> Result<(String, Value)> {
     let about = json!({ "about": "experiments of renderflow paper" });
     Claim::new(out, MARK, &about, "something else")?.write()?;
-    let lab = Lab::new(options.scale, out, options.fusion, options.lpips, cancel);
-    let mut text = preface(options.scale);
+    let lab = Lab::new(options, out, cancel);
+    let mut text = preface(options);
     let mut tables = Vec::new();
     for part in options.parts {
         let table = part.make(&lab)?;
@@ -62,15 +64,21 @@ pub fn run(options: &Options, out: &Path, cancel: &Cancel) -> Result<(String, Va
 }
 
 /// What the reader of the tables must know.
-fn preface(scale: &Scale) -> String {
+fn preface(options: &Options) -> String {
+    let scale = options.scale;
+    let autoencoder = match (options.autoencoder, scale.minutes) {
+        (Some(_), _) => " The autoencoder is given.",
+        (None, Some(_)) => " The autoencoder trained twice as long.",
+        (None, None) => "",
+    };
     let time = match scale.minutes {
-        Some(minutes) => format!("{minutes} minutes a training run (the autoencoder twice as long)"),
+        Some(minutes) => format!("{minutes} minutes a training run"),
         None => format!("{} steps a training run: these numbers mean nothing", scale.steps),
     };
     format!(
         "# The paper's experiments on open data\n\n\
          The paper's numbers (right column) come from Unreal renders that were never published, with 1.4 to 1.7 billion parameters and \
-         days of training on GPUs. The others come from scenes of this program, from `{}` and {time}. So rows compare with rows of the \
+         days of training on GPUs. The others come from scenes of this program, from `{}` and {time}.{autoencoder} So rows compare with rows of the \
          same table, and not with the right column. Test scenes share no mesh family, light or seed with training. Numbers are means \
          over {} test sequences; brackets hold 95 % of the means of sequences that are drawn again and again. PSNR full, SSIM and LPIPS \
          are of the full frame of {} x {} pixels, environment included. Seconds were measured on {} with {} threads.\n",

@@ -2,6 +2,8 @@
 
 use crate::error::{Error, Result};
 use glam::{Vec2, Vec3A};
+use renderflow_frame::Environment;
+use renderflow_frame::image::Rgb;
 use std::cmp::Ordering;
 
 /// A partition of directions into groups, in the environment's own frame: it turns with the map.
@@ -40,6 +42,24 @@ impl LightGroups {
     pub fn with_emitters(self) -> Self {
         let directions = (self.count - 1).max(1);
         Self { upper: directions.div_ceil(2), lower: directions / 2, ..self }
+    }
+
+    /// `environment` with the radiance of every texel times the factors, by channel, of its group; a group without factors stays
+    /// as it is. Pictures of the groups times these factors add up to the picture under it, but for the texels between two
+    /// groups, which bilinear look-ups mix. A constant environment becomes a map of 64 x 32 texels.
+    pub fn weighed(&self, environment: &Environment, factors: &[[f32; 3]]) -> Environment {
+        let map = match environment.map.pixels.first() {
+            Some(radiance) if environment.is_constant() => Rgb::filled(64, 32, *radiance),
+            _ => environment.map.clone(),
+        };
+        let mut weighed = environment.with_map(map);
+        let width = weighed.map.width;
+        for i in 0..weighed.map.pixels.len() {
+            let group = self.group(weighed.texel_direction(i % width, i / width));
+            let Some(factors) = factors.get(group) else { continue };
+            weighed.map.pixels[i].iter_mut().zip(factors).for_each(|(value, factor)| *value *= factor);
+        }
+        weighed
     }
 
     /// Group of light from emitters: the last.

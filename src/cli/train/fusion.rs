@@ -45,6 +45,7 @@ impl Learns for Config {
             bare_spp: truth_spp,
             key_spp: truth_spp,
             small: 0.0,
+            relit: 0,
             skip: 0,
             count: None,
             ..recipe.clone()

@@ -26,7 +26,7 @@ impl Learns for Config {
     }
 
     fn validation_recipe(&self, recipe: &Recipe) -> Recipe {
-        Recipe { small: 0.0, skip: 0, count: None, ..recipe.clone() }
+        Recipe { small: 0.0, relit: 0, skip: 0, count: None, ..recipe.clone() }
     }
 
     fn crops(&self) -> &[Crop] {

@@ -1,0 +1,76 @@
+//! Sequences under other light. A path-traced picture is the sum of what each group of light contributes, so one render gives the
+//! truth under many environments: those that differ from its own by a factor for each group. Everything else is cheap: it is
+//! shaded anew.
+
+use super::Maker;
+use anyhow::{Context, Result};
+use rand::RngExt;
+use renderflow_frame::frame::LIGHT_GROUPS;
+use renderflow_frame::image::Rgb;
+use renderflow_frame::{Frame, Light};
+use renderflow_renderer::deferred::{self, Lighting};
+use renderflow_renderer::{LightGroups, RenderScene};
+use renderflow_scenes::seed::Seed;
+use std::sync::Arc;
+
+/// Most that a group becomes brighter or darker, and that one of its channels departs from the others, in stops.
+const STOPS: f32 = 2.0;
+const TINGE: f32 = 0.5;
+
+/// Light under which a sequence is shown.
+pub(super) struct Lit {
+    /// As deferred shading uses it.
+    pub lighting: Lighting,
+    /// Factor from scene radiance to display-linear.
+    pub exposure: f32,
+    /// Factors of the groups of light; `None` for the scene's own light.
+    factors: Option<Vec<[f32; 3]>>,
+}
+
+impl Lit {
+    /// The light of `scene`.
+    pub fn own(scene: &RenderScene) -> Self {
+        Self { lighting: Lighting::new(Arc::clone(scene.light()), deferred::LIGHTS), exposure: scene.exposure(), factors: None }
+    }
+
+    /// The environment of `scene` with factors for its `groups` that are drawn from `seed`. Lamps and surfaces that glow stay as
+    /// they are.
+    pub fn changed(scene: &RenderScene, groups: &LightGroups, seed: Seed) -> Self {
+        let mut rng = seed.rng();
+        let mut factor = || {
+            let stops: f32 = rng.random_range(-STOPS..STOPS);
+            [(); 3].map(|()| (stops + rng.random_range(-TINGE..TINGE)).exp2())
+        };
+        let mut factors: Vec<[f32; 3]> = (0..LIGHT_GROUPS).map(|_| factor()).collect();
+        if scene.features().lights() {
+            factors[groups.emitters()] = [1.0; 3];
+        }
+        let light = Light::new(groups.weighed(scene.environment(), &factors));
+        let exposure = light.exposure();
+        Self { lighting: Lighting::new(light, deferred::LIGHTS), exposure, factors: Some(factors) }
+    }
+}
+
+/// The truth of a frame.
+pub(super) struct Truth {
+    /// Under the scene's own light.
+    pub picture: Rgb,
+    /// What was traced, by groups of light; `None` where no other light is asked for.
+    pub traced: Option<Frame>,
+}
+
+impl Maker<'_> {
+    /// The truth under `lit`.
+    pub(super) fn truth_under(&self, lit: &Lit, truth: &Truth) -> Result<Rgb> {
+        let Some(factors) = &lit.factors else { return Ok(truth.picture.clone()) };
+        let traced = truth.traced.as_ref().context("the truth was not traced by groups of light")?;
+        let mut sum = Rgb { pixels: vec![[0.0; 3]; truth.picture.pixels.len()], ..truth.picture };
+        for (light, factors) in traced.light.iter().zip(factors) {
+            let light = light.as_ref().context("a group of light is missing")?;
+            for (sum, light) in sum.pixels.iter_mut().zip(&light.pixels) {
+                (0..3).for_each(|c| sum[c] += factors[c] * light[c]);
+            }
+        }
+        self.denoised(sum, traced)
+    }
+}
