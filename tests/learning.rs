@@ -104,7 +104,7 @@ fn sequences_may_be_shown_under_other_lights() {
         let same = &all[i % 3];
         assert_eq!(record.groups(), same.groups());
         assert!(of(record, 0, at::BACKGROUND) == of(same, 0, at::BACKGROUND), "surfaces change");
-        for (from, to) in [(at::LIT, at::REFLECTED), (at::TERMS, at::SKY), (at::TRUTH, at::COUNT)] {
+        for (from, to) in [(at::TERMS, at::SKY), (at::SKY, at::OPEN), (at::TRUTH, at::COUNT)] {
             assert!(of(record, from, to) != of(same, from, to), "{i}: {from}..{to} stays");
         }
         // Deferred shading follows the truth from light to light.

@@ -96,6 +96,17 @@ impl<'a> Lab<'a> {
         Self { scale, out, fusion, autoencoder, lpips, cancel, there: RefCell::default(), trained: RefCell::default() }
     }
 
+    /// Checks the weights that are given.
+    ///
+    /// # Errors
+    /// When they are no autoencoder's, or not in a safetensors file.
+    pub fn check(options: &Options) -> Result<()> {
+        let Some(file) = options.autoencoder else { return Ok(()) };
+        SafeTensors::deserialize(&file::read(file)?).with_context(|| format!("{}: not a safetensors file", file.display()))?;
+        Vae::open(file, &VaeConfig::wan(), options.fusion.device().device())?;
+        Ok(())
+    }
+
     /// The usual question: methods on the test sequences.
     pub fn ask<'m>(&self, methods: &'m [&'m str]) -> Ask<'m> {
         Ask { methods, run: None, steps: 1, data: Data::Test, gap: None, every: self.scale.every }
@@ -153,8 +164,6 @@ impl<'a> Lab<'a> {
         let folder = self.out.join("runs").join(format!("{}-given-{}", Run::Autoencoder.name(), &hash[..10]));
         let given = Trained { folder, steps: 0, seconds: 0.0 };
         if !given.weights().is_file() {
-            SafeTensors::deserialize(&bytes).with_context(|| format!("{}: not a safetensors file", file.display()))?;
-            Vae::open(file, &VaeConfig::wan(), self.fusion.device().device())?;
             std::fs::create_dir_all(&given.folder)?;
             file::write_atomic(&given.weights(), &bytes)?;
         }

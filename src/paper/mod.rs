@@ -45,8 +45,9 @@ pub struct Options<'a> {
 /// Returns the tables as Markdown and as JSON.
 ///
 /// # Errors
-/// When stopped; when the folder holds something else; when an experiment fails.
+/// When stopped; when the folder holds something else; when the weights cannot be used; when an experiment fails.
 pub fn run(options: &Options, out: &Path, cancel: &Cancel) -> Result<(String, Value)> {
+    Lab::check(options)?;
     let about = json!({ "about": "experiments of renderflow paper" });
     Claim::new(out, MARK, &about, "something else")?.write()?;
     let lab = Lab::new(options, out, cancel);
