@@ -71,7 +71,7 @@ pub struct Recipe {
     pub small: f64,
     /// Number of times that a bare sequence is shown under yet another light. Each group of directions of its environment
     /// ([`renderflow_renderer::LightGroups`]) becomes up to two stops brighter or darker, and tinged. The truth of all is one
-    /// render, so that another light takes less time than another scene.
+    /// render, so that another light takes about half the time of another scene.
     #[serde(skip_serializing_if = "is_zero")]
     pub relit: u32,
     /// Number of sequences at the beginning that are passed over, because an earlier run learned from them.

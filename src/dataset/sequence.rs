@@ -96,9 +96,7 @@ impl Sequence {
         };
         let numbers: Vec<usize> = transforms.files.iter().map(number).collect::<Result<_>>()?;
         ensure!(numbers.is_sorted_by(|a, b| a < b), "{}: its frames are not in order", folder.display());
-        let places = transforms.keyframes.iter().map(|&index| KeyframePlace { number: numbers[index], index });
-        let mut keyframes: Vec<KeyframePlace> = places.collect();
-        keyframes.sort_by_key(|place| place.number);
+        let keyframes = places(&transforms.keyframes, &numbers);
         let full = std::path::absolute(folder).with_context(|| folder.display().to_string())?;
         Ok(Self {
             folder: folder.to_owned(),
@@ -111,6 +109,12 @@ impl Sequence {
             light: OnceLock::new(),
             depths: OnceLock::new(),
         })
+    }
+
+    /// Takes the frames whose number is a multiple of `gap`, at least 1, as keyframes instead of those of the files.
+    pub fn set_keyframes(&mut self, gap: usize) {
+        self.transforms.keyframes = (0..self.len()).filter(|&index| self.numbers[index].is_multiple_of(gap)).collect();
+        self.keyframes = places(&self.transforms.keyframes, &self.numbers);
     }
 
     /// Number of stored frames.
@@ -206,6 +210,13 @@ impl renderer::Sequence for Sequence {
     }
 }
 
+/// The keyframes at the stored indices `keyframes` of frames with these numbers, in order.
+fn places(keyframes: &[usize], numbers: &[usize]) -> Vec<KeyframePlace> {
+    let mut places: Vec<_> = keyframes.iter().map(|&index| KeyframePlace { number: numbers[index], index }).collect();
+    places.sort_by_key(|place| place.number);
+    places
+}
+
 /// Checks that a frame has the size of its camera.
 ///
 /// # Errors
@@ -264,6 +275,21 @@ mod tests {
             tracks: Default::default(),
         };
         transforms::encode(Path::new(TRANSFORMS), &sequence).unwrap()
+    }
+
+    /// Networks that ask for keyframes see those that were set.
+    #[test]
+    fn keyframes_may_be_set() {
+        let root = tempfile::tempdir().unwrap();
+        std::fs::write(root.path().join(TRANSFORMS), cameras(&["frame.0004.exr", "frame.0008.exr"])).unwrap();
+        let mut sequence = Sequence::open(root.path()).unwrap();
+        let places = |sequence: &Sequence| renderer::Sequence::keyframes(sequence).to_vec();
+        assert_eq!(places(&sequence), [KeyframePlace { number: 4, index: 0 }]);
+        sequence.set_keyframes(8);
+        assert_eq!(places(&sequence), [KeyframePlace { number: 8, index: 1 }]);
+        assert_eq!(sequence.transforms.keyframes, [1]);
+        sequence.set_keyframes(3);
+        assert!(places(&sequence).is_empty());
     }
 
     #[test]

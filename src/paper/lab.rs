@@ -3,7 +3,6 @@
 
 use super::Options;
 use super::scale::{Data, Run, Scale};
-use crate::dataset::sequence::Sequence;
 use crate::dataset::shard::Shard;
 use crate::dataset::{Dataset, render};
 use crate::evaluate::find::{TestSequence, find};
@@ -209,9 +208,7 @@ impl<'a> Lab<'a> {
     pub fn sequences(&self, data: Data, gap: Option<u32>) -> Result<Vec<TestSequence>> {
         let mut tests = find(&self.data(data)?)?;
         if let Some(gap) = gap.filter(|gap| *gap > 0) {
-            for Sequence { transforms, numbers, .. } in tests.iter_mut().map(|test| &mut test.sequence) {
-                transforms.keyframes = (0..numbers.len()).filter(|&i| numbers[i].is_multiple_of(gap as usize)).collect();
-            }
+            tests.iter_mut().for_each(|test| test.sequence.set_keyframes(gap as usize));
         }
         Ok(tests)
     }

@@ -67,6 +67,7 @@ pub fn run(options: &Options, out: &Path, cancel: &Cancel) -> Result<(String, Va
 /// What the reader of the tables must know.
 fn preface(options: &Options) -> String {
     let scale = options.scale;
+    let threads = rayon::current_num_threads();
     let autoencoder = match (options.autoencoder, scale.minutes) {
         (Some(_), _) => " The autoencoder is given.",
         (None, Some(_)) => " The autoencoder trained twice as long.",
@@ -82,12 +83,13 @@ fn preface(options: &Options) -> String {
          days of training on GPUs. The others come from scenes of this program, from `{}` and {time}.{autoencoder} So rows compare with rows of the \
          same table, and not with the right column. Test scenes share no mesh family, light or seed with training. Numbers are means \
          over {} test sequences; brackets hold 95 % of the means of sequences that are drawn again and again. PSNR full, SSIM and LPIPS \
-         are of the full frame of {} x {} pixels, environment included. Seconds were measured on {} with {} threads.\n",
+         are of the full frame of {} x {} pixels, environment included. Seconds were measured on {} with {} {}.\n",
         scale.preset,
         scale.test[0],
         scale.side,
         scale.side,
         machine::processor(),
-        rayon::current_num_threads(),
+        threads,
+        if threads == 1 { "thread" } else { "threads" },
     )
 }

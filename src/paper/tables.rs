@@ -320,8 +320,9 @@ fn seconds(lab: &Lab) -> Result<Table> {
         &["psnr_full", "ssim", "lpips_alex", "flip", "seconds"],
     );
     let base = ["ibl", "deferred", "neural", "pt1+fast", "pt2+fast", "pt1+oidn", "pt2+oidn", "pt4+oidn", "pt8+oidn"];
+    let guided = ["pt1+oidn+gbuffer", "pt2+oidn+gbuffer", "pt4+oidn+gbuffer", "pt8+oidn+gbuffer"];
     let with = ["pt1+oidn+neural", "pt2+oidn+neural", "pt4+oidn+neural", "pt8+oidn+neural", "pt4+oidn+neural+keys"];
-    let all: Vec<&str> = base.into_iter().chain(with).collect();
+    let all: Vec<&str> = base.into_iter().chain(guided).chain(with).collect();
     let results = lab.measure(&lab.ask(&all))?;
     let wan = lab.measure(&Ask { run: Some(Run::Base), ..lab.ask(&["wan"]) })?;
     table.add(Row::of(&wan, "wan", "RenderFlow"), "");
