@@ -33,7 +33,8 @@ pub struct Paper {
     /// Weights of the network that reads samples. Without it, the weights inside the program are used
     #[arg(long, help_heading = "Network")]
     weights: Option<PathBuf>,
-    /// Weights of an autoencoder for the paper's network. Without it, one is trained first
+    /// Weights of an autoencoder for the paper's network, as `train --preset wan-small --stage autoencoder` writes them. Without
+    /// it, one is trained first
     #[arg(long, help_heading = "Network")]
     vae: Option<PathBuf>,
     #[command(flatten)]

@@ -69,9 +69,9 @@ pub struct Recipe {
     /// Share of the sequences of a plan, 0..=1, that are rendered at half the width and height. They take a quarter of the time,
     /// so that a network sees more scenes. Crops that do not fit them are taken from the others.
     pub small: f64,
-    /// Number of times that a bare sequence is shown under yet another light. Each group of directions of its environment
-    /// ([`renderflow_renderer::LightGroups`]) becomes up to two stops brighter or darker, and tinged. The truth of all is one
-    /// render, so that another light takes about half the time of another scene.
+    /// Number of times that a bare sequence is shown under yet another light, 0..=64. Its frames take that much more memory.
+    /// Each group of directions of its environment ([`renderflow_renderer::LightGroups`]) becomes up to two stops brighter or
+    /// darker, and tinged. The truth of all is one render, so that another light takes about half the time of another scene.
     #[serde(skip_serializing_if = "is_zero")]
     pub relit: u32,
     /// Number of sequences at the beginning that are passed over, because an earlier run learned from them.
@@ -106,6 +106,9 @@ fn is_zero(relit: &u32) -> bool {
 }
 
 impl Recipe {
+    /// Most that [`Self::relit`] may be.
+    pub const MOST_LIGHTS: u32 = 64;
+
     /// Index, in the plan or the dataset, of the sequence that is used as sequence `i`.
     fn index(&self, i: u64) -> u64 {
         self.count.map_or(i, |count| i % count).saturating_add(self.skip)

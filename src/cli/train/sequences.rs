@@ -70,6 +70,7 @@ impl Train {
         for (name, share) in shares {
             ensure!((0.0..=1.0).contains(&share), "recipe.{name}: {share} is outside 0..=1");
         }
+        ensure!(recipe.relit <= Recipe::MOST_LIGHTS, "recipe.relit: {} is outside 0..={}", recipe.relit, Recipe::MOST_LIGHTS);
         Ok(())
     }
 
