@@ -25,7 +25,7 @@ use renderflow_model::fusion::fill::{Samples, background};
 use renderflow_model::fusion::record::{self, ALL_BEFORE, AROUND, NEIGHBOURS, PARTS, PICTURES};
 use renderflow_model::fusion::training::Source;
 use renderflow_model::fusion::{Record, batch::BEFORE};
-use renderflow_renderer::deferred::{self, Deferred, Options, shadow_maps};
+use renderflow_renderer::deferred::{self, Deferred, Options, ShadowTiles};
 use renderflow_renderer::denoise::{self, Denoiser, Quality};
 use renderflow_renderer::{Channels, RenderScene, Settings, render, render_gbuffer};
 use renderflow_scenes::catalog::Catalog;
@@ -252,9 +252,9 @@ fn fitting(truth: Truth, frame: &Frame) -> Result<Truth> {
     Ok(truth)
 }
 
-/// The deferred picture of the frame at which `scene` stands.
-fn deferred_picture(scene: &RenderScene, gbuffer: &Frame, lit: &Lit) -> Deferred {
-    let shadows = shadow_maps(scene, &lit.lighting, gbuffer);
+/// The deferred picture of the frame at which `scene` stands. `tiles` are those of its earlier frames and other lights.
+fn deferred_picture(scene: &RenderScene, gbuffer: &Frame, lit: &Lit, tiles: &mut ShadowTiles) -> Deferred {
+    let shadows = tiles.maps(scene, &lit.lighting, gbuffer);
     deferred::shade(gbuffer, &lit.lighting, &shadows, &Options::default())
 }
 
@@ -323,6 +323,8 @@ impl<'a> Maker<'a> {
         let Lit { exposure, .. } = lights[0];
         let light = Arc::clone(scene.light());
 
+        // Depths towards a light serve every light of that direction, and every frame where nothing moves.
+        let mut tiles = ShadowTiles::default();
         // One list for each light.
         let mut records: Vec<Vec<Record<f32>>> = lights.iter().map(|_| Vec::new()).collect();
         let mut carried: Vec<Vec<Keyframe>> = lights.iter().map(|_| Vec::new()).collect();
@@ -331,7 +333,7 @@ impl<'a> Maker<'a> {
             let gbuffer = render_gbuffer(&scene, &Settings::default())?;
             let truth = fitting(truth(number, &scene)?, &gbuffer)?;
             for ((lit, records), carried) in lights.iter().zip(&mut records).zip(&mut carried) {
-                let shaded = deferred_picture(&scene, &gbuffer, lit);
+                let shaded = deferred_picture(&scene, &gbuffer, lit, &mut tiles);
                 let truth = self.truth_under(lit, &truth)?;
                 records.push(shaded_record(&gbuffer, &shaded, &truth, lit));
                 carried.push(Keyframe { frame: gbuffer.clone(), truth, start: Some(shaded.image) });
@@ -342,7 +344,7 @@ impl<'a> Maker<'a> {
             let gbuffer = render_gbuffer(&scene, &Settings::default())?;
             let truth = fitting(truth(number, &scene)?, &gbuffer)?;
             for ((lit, records), carried) in lights.iter().zip(&mut records).zip(&carried) {
-                let shaded = deferred_picture(&scene, &gbuffer, lit);
+                let shaded = deferred_picture(&scene, &gbuffer, lit, &mut tiles);
                 let mut record = shaded_record(&gbuffer, &shaded, &self.truth_under(lit, &truth)?, lit);
                 if !bare || self.keyed(seed) {
                     for (k, key) in carried.iter().enumerate() {

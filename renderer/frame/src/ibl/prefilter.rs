@@ -15,8 +15,12 @@ use std::f32::consts::PI;
 const FINEST_WIDTH: usize = 512;
 /// Layers of the tree: 512 x 256 down to 4 x 2.
 const LAYERS: usize = 8;
-/// Largest size of a cell as a share of its distance from the axis (or of the lobe's width, if that is more).
+/// Largest size of a cell as a share of its distance from the axis (or of the lobe's width, if that is more). The narrowest lobe
+/// has most of the texels and the least error, so its cells may be larger: then its error is about that of the next lobe.
 const OPENING: f32 = 0.25;
+const NARROW_OPENING: f32 = 0.35;
+/// Squared roughness up to which a lobe is narrow.
+const NARROW: f32 = 0.05;
 /// Columns and rows of a block of output texels, which share one list of cells.
 const BLOCK: [usize; 2] = [8, 4];
 const LANES: usize = BLOCK[0] * BLOCK[1];
@@ -177,14 +181,15 @@ impl Pyramid {
 impl Limits {
     fn new(kernel: Kernel, layer: usize, block_radius: f32) -> Self {
         // A lobe falls to a quarter of its peak 2 alpha from the axis; broad lobes need the horizon resolved instead.
-        let (lobe, largest) = match kernel {
-            Kernel::Cosine => (1.0, 0.1),
-            Kernel::Ggx { alpha } => (2.0 * alpha, if alpha < 0.25 { 0.25 } else { 0.1 }),
+        let (lobe, largest, opening) = match kernel {
+            Kernel::Cosine => (1.0, 0.1, OPENING),
+            Kernel::Ggx { alpha } if alpha < NARROW => (2.0 * alpha, 0.25, NARROW_OPENING),
+            Kernel::Ggx { alpha } => (2.0 * alpha, if alpha < 0.25 { 0.25 } else { 0.1 }, OPENING),
         };
         let size = cell_size(layer);
         let reach = block_radius + 0.75 * size;
-        // The distance d at which the size is OPENING sqrt(lobe^2 + d^2).
-        let opened = (size / OPENING).powi(2) - lobe * lobe;
+        // The distance d at which the size is opening sqrt(lobe^2 + d^2).
+        let opened = (size / opening).powi(2) - lobe * lobe;
         let near = if layer == 0 {
             f32::INFINITY
         } else if size > largest {
