@@ -15,11 +15,12 @@ use std::f32::consts::PI;
 const FINEST_WIDTH: usize = 512;
 /// Layers of the tree: 512 x 256 down to 4 x 2.
 const LAYERS: usize = 8;
-/// Largest size of a cell as a share of its distance from the axis (or of the lobe's width, if that is more). The narrowest lobe
-/// has most of the texels and the least error, so its cells may be larger: then its error is about that of the next lobe.
+/// Largest size of a cell as a share of its distance from the axis (or of the lobe's width, if that is more).
 const OPENING: f32 = 0.25;
+/// The same for a narrow lobe. Most texels are the narrowest lobe's, and with larger cells its error is about that of the next two
+/// (docs/measurements/renderer-notes.md, prefiltered environments).
 const NARROW_OPENING: f32 = 0.35;
-/// Squared roughness up to which a lobe is narrow.
+/// Squared roughness below which a lobe is narrow.
 const NARROW: f32 = 0.05;
 /// Columns and rows of a block of output texels, which share one list of cells.
 const BLOCK: [usize; 2] = [8, 4];
