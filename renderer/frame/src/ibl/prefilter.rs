@@ -17,8 +17,8 @@ const FINEST_WIDTH: usize = 512;
 const LAYERS: usize = 8;
 /// Largest size of a cell as a share of its distance from the axis (or of the lobe's width, if that is more).
 const OPENING: f32 = 0.25;
-/// The same for a narrow lobe. Most texels are the narrowest lobe's, and with larger cells its error is about that of the next two
-/// (docs/measurements/renderer-notes.md, prefiltered environments).
+/// The same for a narrow lobe. Most texels are the narrowest lobe's, and with larger cells its error is about that of the next
+/// two (docs/measurements/renderer-notes.md, prefiltered environments).
 const NARROW_OPENING: f32 = 0.35;
 /// Squared roughness below which a lobe is narrow.
 const NARROW: f32 = 0.05;
