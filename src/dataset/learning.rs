@@ -74,6 +74,10 @@ pub struct Recipe {
     /// darker, and tinged. The truth of all is one render, so that another light takes about half the time of another scene.
     #[serde(skip_serializing_if = "is_zero")]
     pub relit: u32,
+    /// Whether frames are shaded without paths, for a network that reads such pictures. Where they are not, every sequence is bare
+    /// and none has keyframes, and tables of the environment and shadow maps are not made: half of the time of a bare sequence.
+    #[serde(skip_serializing_if = "is_true")]
+    pub deferred: bool,
     /// Number of sequences at the beginning that are passed over, because an earlier run learned from them.
     pub skip: u64,
     /// Number of sequences that follow each other before the first one comes again; `None` never repeats one.
@@ -94,15 +98,20 @@ impl Default for Recipe {
             key_spp: 64,
             small: 0.0,
             relit: 0,
+            deferred: true,
             skip: 0,
             count: None,
         }
     }
 }
 
-/// Recipes from before other lights keep their names.
+/// Recipes from before other lights keep their names, as do those from before frames without deferred shading.
 fn is_zero(relit: &u32) -> bool {
     *relit == 0
+}
+
+fn is_true(deferred: &bool) -> bool {
+    *deferred
 }
 
 impl Recipe {
@@ -252,16 +261,25 @@ fn fitting(truth: Truth, frame: &Frame) -> Result<Truth> {
     Ok(truth)
 }
 
-/// The deferred picture of the frame at which `scene` stands. `tiles` are those of its earlier frames and other lights.
-fn deferred_picture(scene: &RenderScene, gbuffer: &Frame, lit: &Lit, tiles: &mut ShadowTiles) -> Deferred {
-    let shadows = tiles.maps(scene, &lit.lighting, gbuffer);
-    deferred::shade(gbuffer, &lit.lighting, &shadows, &Options::default())
+/// The deferred picture of the frame at which `scene` stands, if the recipe wants it. `tiles` are those of its earlier frames and
+/// other lights.
+fn deferred_picture(scene: &RenderScene, gbuffer: &Frame, lit: &Lit, tiles: &mut ShadowTiles) -> Option<Deferred> {
+    let lighting = lit.lighting.as_ref()?;
+    let shadows = tiles.maps(scene, lighting, gbuffer);
+    Some(deferred::shade(gbuffer, lighting, &shadows, &Options::default()))
 }
 
-/// A record of the G-buffer, its deferred picture and its truth.
-fn shaded_record(gbuffer: &Frame, shaded: &Deferred, truth: &Rgb, lit: &Lit) -> Record<f32> {
-    let mut record = Record::of(gbuffer, &shaded.surfaces, lit.exposure);
-    record.add_deferred(&shaded.terms, lit.exposure);
+/// A record of the G-buffer, its deferred picture if there is one, and its truth.
+fn shaded_record(gbuffer: &Frame, shaded: Option<&Deferred>, truth: &Rgb, lit: &Lit) -> Record<f32> {
+    let mut record = if let Some(shaded) = shaded {
+        let mut record = Record::of(gbuffer, &shaded.surfaces, lit.exposure);
+        record.add_deferred(&shaded.terms, lit.exposure);
+        record
+    } else {
+        let mut surfaces = ibl::surfaces(gbuffer, &lit.light.environment);
+        surfaces.join();
+        Record::of(gbuffer, &surfaces, lit.exposure)
+    };
     record.add_truth(truth, lit.exposure);
     record
 }
@@ -335,8 +353,8 @@ impl<'a> Maker<'a> {
             for ((lit, records), carried) in lights.iter().zip(&mut records).zip(&mut carried) {
                 let shaded = deferred_picture(&scene, &gbuffer, lit, &mut tiles);
                 let truth = self.truth_under(lit, &truth)?;
-                records.push(shaded_record(&gbuffer, &shaded, &truth, lit));
-                carried.push(Keyframe { frame: gbuffer.clone(), truth, start: Some(shaded.image) });
+                records.push(shaded_record(&gbuffer, shaded.as_ref(), &truth, lit));
+                carried.push(Keyframe { frame: gbuffer.clone(), truth, start: shaded.map(|shaded| shaded.image) });
             }
         }
         for &number in between {
@@ -345,12 +363,13 @@ impl<'a> Maker<'a> {
             let truth = fitting(truth(number, &scene)?, &gbuffer)?;
             for ((lit, records), carried) in lights.iter().zip(&mut records).zip(&carried) {
                 let shaded = deferred_picture(&scene, &gbuffer, lit, &mut tiles);
-                let mut record = shaded_record(&gbuffer, &shaded, &self.truth_under(lit, &truth)?, lit);
+                let mut record = shaded_record(&gbuffer, shaded.as_ref(), &self.truth_under(lit, &truth)?, lit);
                 if !bare || self.keyed(seed) {
                     for (k, key) in carried.iter().enumerate() {
                         let distance = keys[k] as f32 - number as f32;
                         let movement = tracks.between(number, keys[k]);
-                        record.add_key(k, &Neighbour { key, distance, movement }, &gbuffer, Some(&shaded.image), lit.exposure);
+                        let start = shaded.as_ref().map(|shaded| &shaded.image);
+                        record.add_key(k, &Neighbour { key, distance, movement }, &gbuffer, start, lit.exposure);
                     }
                 }
                 records.push(record);
@@ -391,8 +410,8 @@ impl<'a> Maker<'a> {
         let groups = self.tracing(1, false, self.groups(seed)).groups(scene);
         let others = groups
             .iter()
-            .flat_map(|groups| (0..self.recipe.relit).map(move |k| Lit::changed(scene, groups, seed.child("relit", k.into()))));
-        std::iter::once(Lit::own(scene)).chain(others).collect()
+            .flat_map(|groups| (0..self.recipe.relit).map(move |k| Lit::changed(scene, groups, seed.child("relit", k.into()), self.recipe.deferred)));
+        std::iter::once(Lit::own(scene, self.recipe.deferred)).chain(others).collect()
     }
 
     /// Groups into which the light of the truth is split in a sequence of `seed`.

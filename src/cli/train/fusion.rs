@@ -7,7 +7,7 @@ use super::{Session, Train};
 use crate::dataset::learning::Recipe;
 use crate::util::device::DeviceArgs;
 use crate::util::picture;
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use half::f16;
 use renderflow_frame::image::Rgb;
 use renderflow_model::fusion::batch::Tier;
@@ -60,7 +60,8 @@ impl Learns for Config {
         self.first
     }
 
-    fn check(&self) -> Result<()> {
+    fn check(&self, recipe: &Recipe) -> Result<()> {
+        ensure!(recipe.deferred, "recipe.deferred: this network reads deferred shading");
         Ok(self.validate()?)
     }
 

@@ -22,7 +22,7 @@ use std::path::Path;
 impl Learns for Config {
     fn recipe() -> Recipe {
         // Only the picture and what is behind it are read.
-        Recipe { bare: 1.0, frames: 1, ..Recipe::default() }
+        Recipe { bare: 1.0, frames: 1, deferred: false, ..Recipe::default() }
     }
 
     fn validation_recipe(&self, recipe: &Recipe) -> Recipe {
@@ -37,7 +37,7 @@ impl Learns for Config {
         self.first
     }
 
-    fn check(&self) -> Result<()> {
+    fn check(&self, _: &Recipe) -> Result<()> {
         Ok(self.validate()?)
     }
 

@@ -12,8 +12,9 @@ use renderflow_model::fusion::training::Source;
 use renderflow_model::train::sequences::Crop;
 use renderflow_model::train::{Team, TrainingConfig};
 use renderflow_scenes::procedural::Split;
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::de::{DeserializeOwned, Error as _};
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
 /// The configuration of a network that learns from rendered sequences.
@@ -26,8 +27,8 @@ pub(super) trait Learns: TrainingConfig + Default {
     fn crops(&self) -> &[Crop];
     /// Number of sequences that are made before the first step.
     fn first(&self) -> u64;
-    /// Checks every option.
-    fn check(&self) -> Result<()>;
+    /// Checks every option. The network must be able to learn from sequences of `recipe`.
+    fn check(&self, recipe: &Recipe) -> Result<()>;
     /// Trains the network on `source`, and validates it on `validation`.
     fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], session: &Session) -> Result<()>;
 }
@@ -37,6 +38,7 @@ pub(super) trait Learns: TrainingConfig + Default {
 #[serde(default, deny_unknown_fields, bound = "C: Learns + Serialize + DeserializeOwned")]
 pub(super) struct Options<C> {
     pub(super) training: C,
+    #[serde(deserialize_with = "recipe_of::<C, _>")]
     pub(super) recipe: Recipe,
     /// Most sequences that the run is validated on, one frame each.
     pub(super) validation: u32,
@@ -46,6 +48,16 @@ impl<C: Learns> Default for Options<C> {
     fn default() -> Self {
         Self { training: C::default(), recipe: C::recipe(), validation: 8 }
     }
+}
+
+/// Reads a recipe. Options that it lacks are those of the network's own recipe.
+fn recipe_of<'de, C: Learns, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Recipe, D::Error> {
+    let given = Map::deserialize(deserializer)?;
+    let Value::Object(mut all) = serde_json::to_value(C::recipe()).map_err(D::Error::custom)? else {
+        return Err(D::Error::custom("not an object"));
+    };
+    all.extend(given);
+    serde_json::from_value(Value::Object(all)).map_err(D::Error::custom)
 }
 
 impl<C: Learns> Options<C> {
@@ -64,12 +76,14 @@ impl Train {
         for (flag, given) in [("--vae", self.vae.is_some()), ("--cache-mib", self.cache_mib.is_some())] {
             ensure!(!given, "{flag} is an option of the paper's network: add --preset, or --config with its configuration");
         }
-        options.training.check()?;
         let recipe = &options.recipe;
+        options.training.check(recipe)?;
         let shares = [("fast", recipe.fast), ("bare", recipe.bare), ("keyed", recipe.keyed), ("small", recipe.small)];
         for (name, share) in shares {
             ensure!((0.0..=1.0).contains(&share), "recipe.{name}: {share} is outside 0..=1");
         }
+        let bare = recipe.bare >= 1.0 && recipe.keyed <= 0.0;
+        ensure!(recipe.deferred || bare, "recipe.deferred: without deferred shading, recipe.bare must be 1 and recipe.keyed 0");
         ensure!(recipe.relit <= Recipe::MOST_LIGHTS, "recipe.relit: {} is outside 0..={}", recipe.relit, Recipe::MOST_LIGHTS);
         Ok(())
     }

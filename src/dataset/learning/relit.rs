@@ -19,8 +19,9 @@ const TINGE: f32 = 0.5;
 
 /// Light under which a sequence is shown.
 pub(super) struct Lit {
-    /// As deferred shading uses it.
-    pub lighting: Lighting,
+    pub light: Arc<Light>,
+    /// As deferred shading uses it; `None` where the recipe wants none.
+    pub lighting: Option<Lighting>,
     /// Factor from scene radiance to display-linear.
     pub exposure: f32,
     /// Factors of the groups of light; `None` for the scene's own light.
@@ -28,14 +29,19 @@ pub(super) struct Lit {
 }
 
 impl Lit {
-    /// The light of `scene`.
-    pub fn own(scene: &RenderScene) -> Self {
-        Self { lighting: Lighting::new(Arc::clone(scene.light()), deferred::LIGHTS), exposure: scene.exposure(), factors: None }
+    fn new(light: Arc<Light>, factors: Option<Vec<[f32; 3]>>, deferred: bool) -> Self {
+        let lighting = deferred.then(|| Lighting::new(Arc::clone(&light), deferred::LIGHTS));
+        Self { lighting, exposure: light.exposure(), factors, light }
+    }
+
+    /// The light of `scene`. `deferred` says whether frames are shaded.
+    pub fn own(scene: &RenderScene, deferred: bool) -> Self {
+        Self::new(Arc::clone(scene.light()), None, deferred)
     }
 
     /// The environment of `scene` with factors for its `groups` that are drawn from `seed`. Lamps and surfaces that glow stay as
     /// they are.
-    pub fn changed(scene: &RenderScene, groups: &LightGroups, seed: Seed) -> Self {
+    pub fn changed(scene: &RenderScene, groups: &LightGroups, seed: Seed, deferred: bool) -> Self {
         let mut rng = seed.rng();
         let mut factor = || {
             let stops: f32 = rng.random_range(-STOPS..STOPS);
@@ -45,9 +51,7 @@ impl Lit {
         if scene.features().lights() {
             factors[groups.emitters()] = [1.0; 3];
         }
-        let light = Light::new(groups.weighed(scene.environment(), &factors));
-        let exposure = light.exposure();
-        Self { lighting: Lighting::new(light, deferred::LIGHTS), exposure, factors: Some(factors) }
+        Self::new(Arc::new(Light::new(groups.weighed(scene.environment(), &factors))), Some(factors), deferred)
     }
 }
 
