@@ -279,7 +279,7 @@ fn filled(width: usize, height: usize, value: [f32; 3]) -> Record<f32> {
     record.add_deferred(&terms, exposure);
     let key = Keyframe { frame: frame.clone(), truth: raw.clone(), start: Some(shaded.image.clone()) };
     let seen = Neighbour { key: &key, distance: -3.0, movement: Movement::default() };
-    record.add_key(0, &seen, &frame, Some(&shaded.image), exposure);
+    record.add_keys([Some(seen), None], &frame, Some(&shaded.image), exposure);
     record.add_part(0, &samples, exposure);
     record.add_neighbour(2, &samples, &Image::from_fn(width, height, |x, y| Some((y * width + x) as u32)), exposure);
     record

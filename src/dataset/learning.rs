@@ -365,12 +365,12 @@ impl<'a> Maker<'a> {
                 let shaded = deferred_picture(&scene, &gbuffer, lit, &mut tiles);
                 let mut record = shaded_record(&gbuffer, shaded.as_ref(), &self.truth_under(lit, &truth)?, lit);
                 if !bare || self.keyed(seed) {
-                    for (k, key) in carried.iter().enumerate() {
+                    let seen = |k: usize| {
                         let distance = keys[k] as f32 - number as f32;
-                        let movement = tracks.between(number, keys[k]);
-                        let start = shaded.as_ref().map(|shaded| &shaded.image);
-                        record.add_key(k, &Neighbour { key, distance, movement }, &gbuffer, start, lit.exposure);
-                    }
+                        carried.get(k).map(|key| Neighbour { key, distance, movement: tracks.between(number, keys[k]) })
+                    };
+                    let start = shaded.as_ref().map(|shaded| &shaded.image);
+                    record.add_keys([0, 1].map(seen), &gbuffer, start, lit.exposure);
                 }
                 records.push(record);
             }
@@ -408,9 +408,9 @@ impl<'a> Maker<'a> {
     /// The lights under which a sequence of `seed` is shown, its own first.
     fn lights(&self, scene: &RenderScene, seed: Seed) -> Vec<Lit> {
         let groups = self.tracing(1, false, self.groups(seed)).groups(scene);
-        let others = groups
-            .iter()
-            .flat_map(|groups| (0..self.recipe.relit).map(move |k| Lit::changed(scene, groups, seed.child("relit", k.into()), self.recipe.deferred)));
+        let others = groups.iter().flat_map(|groups| {
+            (0..self.recipe.relit).map(move |k| Lit::changed(scene, groups, seed.child("relit", k.into()), self.recipe.deferred))
+        });
         std::iter::once(Lit::own(scene, self.recipe.deferred)).chain(others).collect()
     }
 

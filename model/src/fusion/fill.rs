@@ -1,6 +1,6 @@
 //! Fills records with the results of the path tracer, of deferred shading and of the warp.
 
-use super::record::{KEYS, NEIGHBOURS, PARTS, PICTURES, PixelInputs, Record, Selection, TINT, at, radiance, tint};
+use super::record::{KEYS, NEIGHBOURS, PARTS, PICTURES, PixelInputs, Record, Selection, at, radiance, tint};
 use glam::Vec2;
 use rayon::prelude::*;
 use renderflow_frame::ibl::{Shading, Surfaces};
@@ -105,51 +105,26 @@ impl Record<f32> {
         });
     }
 
-    /// Adds keyframe `k` (0 before the frame, 1 after it). `frame` is the frame of this record, and `shaded` its deferred
-    /// picture.
-    ///
-    /// # Panics
-    /// When `k` is neither 0 nor 1.
-    pub fn add_key(&mut self, k: usize, seen: &Neighbour, frame: &Frame, shaded: Option<&Rgb>, exposure: f32) {
-        let keyframe = seen.key;
-        assert!(k < KEYS, "keyframe {k} of {KEYS}");
-        self.distances[k] = Some(seen.distance);
-        let found = seen.correspond(frame);
-        let over_shading = keyframe
-            .start
-            .as_ref()
-            .zip(shaded)
-            .map(|(there, here)| warp::ratio_fetch(&keyframe.truth, there, here, &found, exposure));
-        let plain = |frame: &Frame, i: usize| {
-            let alpha = frame.alpha.pixels[i];
-            let guide = frame.guide_albedo.as_ref().filter(|_| alpha > 0.0).map(|guide| guide.pixels[i].map(|v| v / alpha));
-            guide.unwrap_or(frame.albedo.pixels[i]).map(|v| finite(v).clamp(0.0, 1.0) + TINT)
-        };
-        let over_tint = Rgb {
-            width: keyframe.truth.width,
-            height: keyframe.truth.height,
-            pixels: (0..keyframe.truth.pixels.len())
-                .map(|i| {
-                    let plain = plain(&keyframe.frame, i);
-                    std::array::from_fn(|c| finite(keyframe.truth.pixels[i][c]) / plain[c])
-                })
-                .collect(),
-        };
-        let over_tint = warp::fetch(&over_tint, &found);
-        self.each(|i, out| {
-            if out[at::ALPHA] <= 0.0 {
-                return;
-            }
-            let here = [out[at::ALBEDO], out[at::ALBEDO + 1], out[at::ALBEDO + 2]];
-            let tinted: [f32; 3] = std::array::from_fn(|c| over_tint.pixels[i][c] * (here[c] + TINT));
-            let shaded = over_shading.as_ref().map(|(picture, trust)| (picture.pixels[i], trust.pixels[i]));
-            for (from, known) in [(at::KEYS_SHADED, shaded), (at::KEYS_TINTED, Some((tinted, found.valid.pixels[i])))] {
-                if let Some((rgb, trust)) = known.filter(|(_, trust)| *trust > 0.0) {
-                    put(out, from + 4 * k, rgb.map(|v| radiance(exposure * v)));
-                    out[from + 4 * k + 3] = trust.min(1.0);
+    /// Adds the keyframes before and after the frame. `frame` is the frame of this record, and `shaded` its deferred picture.
+    pub fn add_keys(&mut self, seen: [Option<Neighbour>; KEYS], frame: &Frame, shaded: Option<&Rgb>, exposure: f32) {
+        let carried = warp::carry(frame, shaded, seen.each_ref().map(Option::as_ref), exposure);
+        for (k, (seen, carried)) in seen.iter().zip(carried).enumerate() {
+            let Some((seen, carried)) = seen.as_ref().zip(carried) else { continue };
+            self.distances[k] = Some(seen.distance);
+            self.each(|i, out| {
+                if out[at::ALPHA] <= 0.0 {
+                    return;
                 }
-            }
-        });
+                let shaded = carried.shaded.as_ref().map(|(picture, trust)| (picture.pixels[i], trust.pixels[i]));
+                let tinted = (carried.tinted.pixels[i], carried.valid.pixels[i]);
+                for (from, known) in [(at::KEYS_SHADED, shaded), (at::KEYS_TINTED, Some(tinted))] {
+                    if let Some((rgb, trust)) = known.filter(|(_, trust)| *trust > 0.0) {
+                        put(out, from + 4 * k, rgb.map(|v| radiance(exposure * v)));
+                        out[from + 4 * k + 3] = trust.min(1.0);
+                    }
+                }
+            });
+        }
     }
 
     /// Adds samples of this frame as part `part`.

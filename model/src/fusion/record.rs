@@ -21,8 +21,6 @@ pub const ALL_BEFORE: usize = PARTS + 1;
 /// Number of terms of deferred shading, each with its own factor: lights, diffuse sky, reflections, bounced light.
 pub const TERMS: usize = 4;
 
-/// Added to the albedo before keyframes are divided by it: the reflectance of a dielectric at normal incidence.
-pub const TINT: f32 = 0.04;
 /// Added to the reflectance before samples are divided by it.
 const LEAST: f32 = 0.02;
 
@@ -54,8 +52,8 @@ pub mod at {
     pub const SKY: usize = TERMS + 3 * super::TERMS;
     /// Visible share of the sky, of the near hemisphere, and of the strongest light.
     pub const OPEN: usize = SKY + 3;
-    /// For each keyframe, warped as a ratio to deferred shading: radiance of the surface, and the trust in it, 0..=1 (see
-    /// [`renderflow_frame::warp::ratio_fetch`]).
+    /// For each keyframe, warped with the help of deferred shading: radiance of the surface, and the trust in it, 0..=1 (see
+    /// [`renderflow_frame::warp::carry`]).
     pub const KEYS_SHADED: usize = OPEN + 3;
     /// For each keyframe, warped as a ratio to the albedo: radiance of the surface, and the share of the look-up that shows this
     /// surface, 0..=1.

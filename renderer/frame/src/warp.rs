@@ -1,6 +1,10 @@
 //! Warps the picture of a keyframe to another frame: finds where the surface point of each pixel stood in the keyframe, and
 //! whether it was visible there. It does the same for the raw samples of neighbouring frames, pixel by pixel.
 
+mod carry;
+
+pub use carry::{Carried, TINT, carry};
+
 use crate::image::{Image, Rgb};
 use crate::tracks::Movement;
 use crate::{Camera, Frame};
@@ -389,7 +393,7 @@ fn spread(width: usize, height: usize, pixels: Vec<Vec4>) -> Vec<Vec4> {
     coarse
 }
 
-/// Scene-linear picture of `frame` from keyframes: the warped pictures ([`ratio_fetch`]) of the nearest keyframe before and the
+/// Scene-linear picture of `frame` from keyframes: the warped pictures ([`carry`]) of the nearest keyframe before and the
 /// nearest after, weighted by trust over age, and with a small weight `start`, the picture of `frame` by the method of
 /// [`Keyframe::start`]. They are mixed in a logarithmic curve. A keyframe at distance 0 is returned as it is.
 /// `exposure` is the sequence's factor to display-linear. Keyframes without a start or of another size show nothing.
@@ -413,13 +417,12 @@ pub fn fill(frame: &Frame, start: &Rgb, keyframes: &[Neighbour], exposure: f32) 
         let candidates = usable.iter().filter(|(near, _)| side(near.distance));
         candidates.min_by(|(a, _), (b, _)| a.distance.abs().total_cmp(&b.distance.abs()))
     };
-    let warped: Vec<(f32, Rgb, Image<f32>)> = [nearest(|d| d < 0.0), nearest(|d| d > 0.0)]
-        .into_iter()
-        .flatten()
-        .map(|(near, key_start)| {
-            let found = near.correspond(frame);
-            let (picture, trust) = ratio_fetch(&near.key.truth, key_start, start, &found, exposure);
-            (1.0 / (age(near.distance) + AGE_FLOOR), picture, trust)
+    let near = [nearest(|d| d < 0.0), nearest(|d| d > 0.0)].map(|near| near.map(|(near, _)| *near));
+    let carried = near.into_iter().zip(carry(frame, Some(start), near, exposure));
+    let warped: Vec<(f32, Rgb, Image<f32>)> = carried
+        .filter_map(|(near, carried)| {
+            let (picture, trust) = carried?.shaded?;
+            Some((1.0 / (age(near?.distance) + AGE_FLOOR), picture, trust))
         })
         .collect();
     let scale = if exposure.is_finite() && exposure > 0.0 { LOG_SCALE * exposure } else { LOG_SCALE };

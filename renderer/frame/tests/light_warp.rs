@@ -7,7 +7,7 @@ use light_scene::{Surface, point, render, trace};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::tracks::Movement;
 use renderflow_frame::warp::{
-    Correspondence, FILLED, Keyframe, MAX_RATIO, Neighbour, age, correspond, fetch, fill, nearest, ratio_fetch,
+    Correspondence, FILLED, Keyframe, MAX_RATIO, Neighbour, age, carry, correspond, fetch, fill, nearest, ratio_fetch,
 };
 use renderflow_frame::{Camera, Frame};
 
@@ -362,6 +362,95 @@ fn odd_input_is_invalid_not_a_crash() {
     for exposure in [0.0, 1.0, f32::NAN, f32::INFINITY] {
         assert!(ratio_fetch(&zero, &zero, &zero, &c, exposure).0.pixels.iter().flatten().all(|v| *v == 0.0));
     }
+}
+
+/// The ground and a ball from three places: the frame's, then those of the keyframes before and after it.
+fn three_views() -> [(Frame, Camera); 3] {
+    [0.0, -0.25, 0.25].map(|x| {
+        let view = camera(Vec3A::new(x, 1.3, 3.5));
+        (render(&scene()[..2], &view), view)
+    })
+}
+
+/// Keyframes and a start whose light at each point is given, then the root of the mean squared error of what [`carry`] makes of the
+/// keyframe before the frame, of its ratio and of its tint, where both keyframes show the surface. Light is a function of the
+/// view, 0 for the frame, 1 and 2 for the keyframes, and of the point.
+fn errors(truth: &dyn Fn(usize, Vec3A) -> f32, start: &dyn Fn(usize, Vec3A) -> f32) -> [f32; 3] {
+    let views = three_views();
+    let lit = |view: usize, light: &dyn Fn(usize, Vec3A) -> f32| {
+        let (frame, camera) = &views[view];
+        let pixel = |i: usize| if frame.alpha.pixels[i] > 0.0 { light(view, point(frame, camera, i)) } else { 0.0 };
+        Rgb::from_fn(SIZE, SIZE, |x, y| [pixel(y * SIZE + x); 3])
+    };
+    let [before, after] =
+        [1, 2].map(|view| Keyframe { frame: views[view].0.clone(), truth: lit(view, truth), start: Some(lit(view, start)) });
+    let seen = [(&before, -8.0), (&after, 8.0)].map(|(key, distance)| Neighbour { key, distance, movement: Movement::default() });
+    let (frame, wanted, start) = (&views[0].0, lit(0, truth), lit(0, start));
+    let carried = carry(frame, Some(&start), seen.each_ref().map(Some), 1.0);
+    let [Some(first), Some(second)] = &carried else { panic!("both keyframes are carried") };
+    let known: Vec<usize> =
+        (0..SIZE * SIZE).filter(|i| first.valid.pixels[*i] >= 1.0 && second.valid.pixels[*i] >= 1.0).collect();
+    assert!(known.len() > SIZE * SIZE / 3, "{}", known.len());
+    let [alone, none] = carry(frame, Some(&start), [Some(&seen[0]), None], 1.0);
+    assert!(none.is_none());
+    let pictures = [&first.shaded, &alone.expect("a keyframe").shaded].map(|shaded| shaded.clone().expect("it has starts").0);
+    [&pictures[0], &pictures[1], &first.tinted].map(|picture| {
+        let square = |i: &usize| (picture.pixels[*i][0] - wanted.pixels[*i][0]).powi(2);
+        (known.iter().map(square).sum::<f32>() / known.len() as f32).sqrt()
+    })
+}
+
+#[test]
+fn two_keyframes_tell_how_light_changes() {
+    let still = |p: Vec3A| 0.6 + 0.3 * (2.0 * p.x).sin();
+    let gain = |view: usize, p: Vec3A| 1.0 + [0.3, 0.7, -0.2][view] * (1.5 * p.x + p.z).cos();
+    // The light stays, and the starts change for no reason.
+    let [made, ratio, tint] = errors(&|_, p| still(p), &|view, p| still(p) * gain(view, p));
+    println!("still light: {made}, by the ratio {ratio}, by the tint {tint}");
+    assert!(made < 0.1 * ratio && made < 0.01, "{made} {ratio} {tint}");
+    // The light changes as the starts do.
+    let [made, ratio, tint] = errors(&|view, p| 2.0 * still(p) * gain(view, p), &|view, p| still(p) * gain(view, p));
+    println!("light that follows: {made}, by the ratio {ratio}, by the tint {tint}");
+    assert!(made < 0.1 * tint && made < 1.5 * ratio, "{made} {ratio} {tint}");
+    // Each on one side.
+    let right = |p: Vec3A| p.x > 0.0;
+    let [made, ratio, tint] =
+        errors(&|view, p| still(p) * if right(p) { gain(view, p) } else { 1.0 }, &|view, p| still(p) * gain(view, p));
+    println!("each on one side: {made}, by the ratio {ratio}, by the tint {tint}");
+    assert!(made < 0.4 * ratio.min(tint), "{made} {ratio} {tint}");
+    // A highlight that only the frame itself shows: the keyframes cannot know, and the start is believed.
+    let shine = |view: usize, p: Vec3A| if view == 0 { 4.0 * (-(p - Vec3A::X).length_squared() / 0.02).exp() } else { 0.0 };
+    let [made, _, tint] = errors(&|view, p| still(p) + shine(view, p), &|view, p| still(p) + shine(view, p));
+    println!("a passing highlight: {made}, by the tint {tint}");
+    assert!(made < 0.05 * tint, "{made} {tint}");
+}
+
+#[test]
+fn odd_light_of_keyframes_stays_where_it_is() {
+    let still = |p: Vec3A| 0.6 + 0.3 * (2.0 * p.x).sin();
+    let fair = errors(&|_, p| still(p), &|_, p| still(p));
+    for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1e30] {
+        // Far from the middle, where the errors are not summed.
+        let views = three_views();
+        let (frame, view) = &views[1];
+        let mut key = Keyframe { frame: frame.clone(), truth: paint(frame, view), start: Some(paint(frame, view)) };
+        let other = Keyframe {
+            frame: views[2].0.clone(),
+            truth: paint(&views[2].0, &views[2].1),
+            start: Some(paint(&views[2].0, &views[2].1)),
+        };
+        let ground = frame.alpha.pixels.iter().rposition(|alpha| *alpha > 0.0).expect("the frame shows something") - SIZE / 2;
+        key.truth.pixels[ground] = [odd; 3];
+        let seen =
+            [(&key, -8.0), (&other, 8.0)].map(|(key, distance)| Neighbour { key, distance, movement: Movement::default() });
+        let start = paint(&views[0].0, &views[0].1);
+        for carried in carry(&views[0].0, Some(&start), seen.each_ref().map(Some), 1.0).iter().flatten() {
+            let picture = &carried.shaded.as_ref().expect("it has starts").0;
+            let far = picture.pixels.iter().zip(&start.pixels).filter(|(p, s)| !((p[0] - s[0]).abs() < 0.1)).count();
+            assert!(far < 30, "{odd}: {far} pixels");
+        }
+    }
+    assert!(fair[0] < 1e-3, "{fair:?}");
 }
 
 #[test]

@@ -101,12 +101,9 @@ impl<'a> Fused<'a> {
     fn carry(&self, record: &mut Record<f32>, buffer: Buffer, shaded: Option<&Rgb>) {
         let before = self.keys.iter().rfind(|(key, _)| *key < buffer.index);
         let after = self.keys.iter().find(|(key, _)| *key > buffer.index);
-        for (k, found) in [before, after].into_iter().enumerate() {
-            if let Some((index, key)) = found {
-                let seen = keyframes::seen_from(self.sequence, buffer.index, *index, key);
-                record.add_key(k, &seen, buffer.frame, shaded, self.sequence.exposure());
-            }
-        }
+        let seen =
+            [before, after].map(|found| found.map(|(index, key)| keyframes::seen_from(self.sequence, buffer.index, *index, key)));
+        record.add_keys(seen, buffer.frame, shaded, self.sequence.exposure());
     }
 
     fn draw(&self, record: &Record<f32>) -> Result<Rgb> {
