@@ -372,12 +372,14 @@ fn three_views() -> [(Frame, Camera); 3] {
     })
 }
 
-/// Keyframes and a start whose light at each point is given, then the root of the mean squared error of what [`carry`] makes of the
-/// keyframe before the frame, of its ratio and of its tint, where both keyframes show the surface. Light is a function of the
-/// view, 0 for the frame, 1 and 2 for the keyframes, and of the point.
-fn errors(truth: &dyn Fn(usize, Vec3A) -> f32, start: &dyn Fn(usize, Vec3A) -> f32) -> [f32; 3] {
+/// A light at each point as seen from a view: 0 for the frame, 1 and 2 for the keyframes.
+type Shine<'a> = &'a dyn Fn(usize, Vec3A) -> f32;
+
+/// Differences from the light of the frame where both keyframes show the surface: of what [`carry`] makes of the keyframe before
+/// the frame, of its ratio and of its tint.
+fn differences(truth: Shine, start: Shine) -> [Vec<f32>; 3] {
     let views = three_views();
-    let lit = |view: usize, light: &dyn Fn(usize, Vec3A) -> f32| {
+    let lit = |view: usize, light: Shine| {
         let (frame, camera) = &views[view];
         let pixel = |i: usize| if frame.alpha.pixels[i] > 0.0 { light(view, point(frame, camera, i)) } else { 0.0 };
         Rgb::from_fn(SIZE, SIZE, |x, y| [pixel(y * SIZE + x); 3])
@@ -394,10 +396,13 @@ fn errors(truth: &dyn Fn(usize, Vec3A) -> f32, start: &dyn Fn(usize, Vec3A) -> f
     let [alone, none] = carry(frame, Some(&start), [Some(&seen[0]), None], 1.0);
     assert!(none.is_none());
     let pictures = [&first.shaded, &alone.expect("a keyframe").shaded].map(|shaded| shaded.clone().expect("it has starts").0);
-    [&pictures[0], &pictures[1], &first.tinted].map(|picture| {
-        let square = |i: &usize| (picture.pixels[*i][0] - wanted.pixels[*i][0]).powi(2);
-        (known.iter().map(square).sum::<f32>() / known.len() as f32).sqrt()
-    })
+    [&pictures[0], &pictures[1], &first.tinted]
+        .map(|picture| known.iter().map(|i| picture.pixels[*i][0] - wanted.pixels[*i][0]).collect())
+}
+
+/// The roots of the mean squares of [`differences`].
+fn errors(truth: Shine, start: Shine) -> [f32; 3] {
+    differences(truth, start).map(|all| (all.iter().map(|d| d * d).sum::<f32>() / all.len() as f32).sqrt())
 }
 
 #[test]
@@ -418,39 +423,27 @@ fn two_keyframes_tell_how_light_changes() {
         errors(&|view, p| still(p) * if right(p) { gain(view, p) } else { 1.0 }, &|view, p| still(p) * gain(view, p));
     println!("each on one side: {made}, by the ratio {ratio}, by the tint {tint}");
     assert!(made < 0.4 * ratio.min(tint), "{made} {ratio} {tint}");
-    // A highlight that only the frame itself shows: the keyframes cannot know, and the start is believed.
+    // A highlight that only the frame itself shows. What the keyframes show of the starts is wrong, but by little: the highlight is
+    // believed.
     let shine = |view: usize, p: Vec3A| if view == 0 { 4.0 * (-(p - Vec3A::X).length_squared() / 0.02).exp() } else { 0.0 };
-    let [made, _, tint] = errors(&|view, p| still(p) + shine(view, p), &|view, p| still(p) + shine(view, p));
+    let nearly = |view: usize, p: Vec3A| still(p) * (0.95 + 0.05 * gain(view, p));
+    let [made, _, tint] = errors(&|view, p| still(p) + shine(view, p), &|view, p| nearly(view, p) + shine(view, p));
     println!("a passing highlight: {made}, by the tint {tint}");
-    assert!(made < 0.05 * tint, "{made} {tint}");
+    assert!(made < 0.1 * tint, "{made} {tint}");
 }
 
 #[test]
-fn odd_light_of_keyframes_stays_where_it_is() {
-    let still = |p: Vec3A| 0.6 + 0.3 * (2.0 * p.x).sin();
-    let fair = errors(&|_, p| still(p), &|_, p| still(p));
+fn odd_light_of_a_keyframe_stays_where_it_is() {
     for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1e30] {
-        // Far from the middle, where the errors are not summed.
-        let views = three_views();
-        let (frame, view) = &views[1];
-        let mut key = Keyframe { frame: frame.clone(), truth: paint(frame, view), start: Some(paint(frame, view)) };
-        let other = Keyframe {
-            frame: views[2].0.clone(),
-            truth: paint(&views[2].0, &views[2].1),
-            start: Some(paint(&views[2].0, &views[2].1)),
-        };
-        let ground = frame.alpha.pixels.iter().rposition(|alpha| *alpha > 0.0).expect("the frame shows something") - SIZE / 2;
-        key.truth.pixels[ground] = [odd; 3];
-        let seen =
-            [(&key, -8.0), (&other, 8.0)].map(|(key, distance)| Neighbour { key, distance, movement: Movement::default() });
-        let start = paint(&views[0].0, &views[0].1);
-        for carried in carry(&views[0].0, Some(&start), seen.each_ref().map(Some), 1.0).iter().flatten() {
-            let picture = &carried.shaded.as_ref().expect("it has starts").0;
-            let far = picture.pixels.iter().zip(&start.pixels).filter(|(p, s)| !((p[0] - s[0]).abs() < 0.1)).count();
-            assert!(far < 30, "{odd}: {far} pixels");
-        }
+        // A spot at the back, so that sums over the picture would carry it to the front.
+        let light =
+            |view: usize, p: Vec3A| if view == 1 && p.z < -1.5 && p.x < -0.5 { odd } else { 0.6 + 0.3 * (2.0 * p.x).sin() };
+        let start = |view: usize, p: Vec3A| 1.0 + [0.3, 0.7, -0.2][view] * (1.5 * p.x + p.z).cos();
+        let [made, ratio, _] = differences(&light, &start);
+        let far = |all: &[f32]| all.iter().filter(|d| d.is_nan() || d.abs() > 0.05).count();
+        println!("{odd}: {} pixels, {} by the ratio, of {}", far(&made), far(&ratio), made.len());
+        assert!(far(&made) < made.len() / 4 && far(&ratio) > made.len() / 2, "{odd}");
     }
-    assert!(fair[0] < 1e-3, "{fair:?}");
 }
 
 #[test]
