@@ -92,6 +92,24 @@ fn a_network_is_trained_and_used() {
     let printed = succeed(&["train", "--config", text(&options), "--plan", text(&plan), "--out", text(&run), "--print-config"]);
     let mut config: Value = serde_json::from_str(&printed).unwrap();
     assert_eq!((&config["network"], &config["recipe"]["bare"]), (&json!("inverse"), &json!(1.0)));
+    // Of a recipe, a file may name what differs from the network's own alone; and what the network cannot do is refused.
+    let print = |options: &str| {
+        ["train", "--config", options, "--plan", text(&plan), "--out", text(&run), "--print-config"].map(str::to_owned)
+    };
+    let some = path("some.json");
+    std::fs::write(&some, r#"{"network": "inverse", "recipe": {"skip": 7}}"#).unwrap();
+    let printed: Value = serde_json::from_str(&succeed(&print(text(&some)).each_ref().map(String::as_str))).unwrap();
+    assert_eq!(printed["recipe"]["skip"], json!(7));
+    assert_eq!([&printed["recipe"]["bare"], &printed["recipe"]["deferred"]], [&json!(1.0), &json!(false)]);
+    for (options, says) in [
+        (r#"{"network": "inverse", "recipe": {"keyed": 0.5}}"#, "recipe.deferred: without"),
+        (r#"{"network": "fusion", "recipe": {"deferred": false, "bare": 1.0}}"#, "recipe.deferred: this network"),
+        (r#"{"network": "inverse", "recipe": {"deffered": false}}"#, "deffered"),
+    ] {
+        std::fs::write(&some, options).unwrap();
+        let said = fail(&print(text(&some)).each_ref().map(String::as_str));
+        assert!(said.contains(says), "{said}");
+    }
     config["training"]["crops"] = json!([{ "size": 64, "batch": 1, "from": 0.0 }]);
     config["training"]["network"]["widths"] = json!([16, 16, 16, 16, 16, 16]);
     config["training"]["first"] = 1.into();

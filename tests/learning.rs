@@ -117,3 +117,23 @@ fn sequences_may_be_shown_under_other_lights() {
     }
     assert_eq!(records(0.0, 1).len(), 3, "sequences with samples have their own light alone");
 }
+
+/// Frames that are not shaded show the same surfaces and have the same truth.
+#[test]
+fn sequences_may_do_without_deferred_shading() {
+    let folder = tempfile::tempdir().unwrap();
+    let (plan, cancel) = (tiny_plan(folder.path()), Cancel::default());
+    let records = |deferred: bool| {
+        let recipe = Recipe { bare: 1.0, bare_spp: 2, frames: 1, relit: 1, deferred, ..Recipe::default() };
+        Planned::new(&plan, [0, 3], recipe, &cancel).records(1).unwrap()
+    };
+    let (with, without) = (records(true), records(false));
+    assert_eq!((with.len(), without.len()), (6, 6));
+    for (with, without) in with.iter().zip(&without) {
+        assert!(with.groups().deferred && !without.groups().deferred);
+        for (a, b) in with.pixels.chunks_exact(at::COUNT).zip(without.pixels.chunks_exact(at::COUNT)) {
+            assert!(a[..at::LIT] == b[..at::LIT] && a[at::TRUTH..] == b[at::TRUTH..]);
+            assert!(b[at::LIT..at::TRUTH].iter().all(|v| *v == 0.0));
+        }
+    }
+}

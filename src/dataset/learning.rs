@@ -76,7 +76,6 @@ pub struct Recipe {
     pub relit: u32,
     /// Whether frames are shaded without paths, for a network that reads such pictures. Where they are not, every sequence is bare
     /// and none has keyframes, and tables of the environment and shadow maps are not made: half of the time of a bare sequence.
-    #[serde(skip_serializing_if = "is_true")]
     pub deferred: bool,
     /// Number of sequences at the beginning that are passed over, because an earlier run learned from them.
     pub skip: u64,
@@ -105,13 +104,9 @@ impl Default for Recipe {
     }
 }
 
-/// Recipes from before other lights keep their names, as do those from before frames without deferred shading.
+/// Recipes from before other lights keep their names.
 fn is_zero(relit: &u32) -> bool {
     *relit == 0
-}
-
-fn is_true(deferred: &bool) -> bool {
-    *deferred
 }
 
 impl Recipe {
