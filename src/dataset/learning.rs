@@ -74,8 +74,8 @@ pub struct Recipe {
     /// darker, and tinged. The truth of all is one render, so that another light takes about half the time of another scene.
     #[serde(skip_serializing_if = "is_zero")]
     pub relit: u32,
-    /// Whether frames are shaded without paths, for a network that reads such pictures. Where they are not, every sequence is bare
-    /// and none has keyframes, and tables of the environment and shadow maps are not made: half of the time of a bare sequence.
+    /// Whether frames are shaded without paths, for a network that reads such pictures. Where they are not, every sequence is
+    /// bare and none has keyframes, and neither tables of the environment nor shadow maps are made.
     pub deferred: bool,
     /// Number of sequences at the beginning that are passed over, because an earlier run learned from them.
     pub skip: u64,

@@ -423,8 +423,8 @@ fn two_keyframes_tell_how_light_changes() {
         errors(&|view, p| still(p) * if right(p) { gain(view, p) } else { 1.0 }, &|view, p| still(p) * gain(view, p));
     println!("each on one side: {made}, by the ratio {ratio}, by the tint {tint}");
     assert!(made < 0.4 * ratio.min(tint), "{made} {ratio} {tint}");
-    // A highlight that only the frame itself shows. What the keyframes show of the starts is wrong, but by little: the highlight is
-    // believed.
+    // A highlight that only the frame itself shows. What the keyframes show of the starts is wrong, but by little: the highlight
+    // is believed.
     let shine = |view: usize, p: Vec3A| if view == 0 { 4.0 * (-(p - Vec3A::X).length_squared() / 0.02).exp() } else { 0.0 };
     let nearly = |view: usize, p: Vec3A| still(p) * (0.95 + 0.05 * gain(view, p));
     let [made, _, tint] = errors(&|view, p| still(p) + shine(view, p), &|view, p| nearly(view, p) + shine(view, p));

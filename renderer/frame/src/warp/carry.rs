@@ -24,8 +24,8 @@ const NOISE: f64 = 1e-4;
 /// What a keyframe shows of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Carried {
-    /// The picture, scene-linear, and the trust in each pixel, 0..=1, as [`ratio_fetch`] returns it; `None` where the frame or the
-    /// keyframe has no picture without paths.
+    /// The picture, scene-linear, and the trust in each pixel, 0..=1, as [`ratio_fetch`] returns it; `None` where the frame or
+    /// the keyframe has no picture without paths.
     pub shaded: Option<(Rgb, Image<f32>)>,
     /// The keyframe's truth as a factor of the albedo plus [`TINT`]; 0 where the keyframe does not show the surface.
     pub tinted: Rgb,
@@ -36,9 +36,9 @@ pub struct Carried {
 /// What each of `keys` shows of `frame`; `start` is its picture by the method of [`super::Keyframe::start`]. `exposure` is the
 /// sequence's factor to display-linear.
 ///
-/// With both keyframes, [`Carried::shaded`] is a mixture of what [`ratio_fetch`] makes of a keyframe and of [`Carried::tinted`], in a
-/// logarithmic curve. The share of the former is the slope with which the change of light from one keyframe to the other follows
-/// the change of their starts around the pixel, by least squares.
+/// With both keyframes, [`Carried::shaded`] is a mixture of what [`ratio_fetch`] makes of a keyframe and of [`Carried::tinted`],
+/// in a logarithmic curve. The share of the former is the slope with which the change of light from one keyframe to the other
+/// follows the change of their starts around the pixel, by least squares.
 ///
 /// # Panics
 /// When a channel of `frame` or `start` does not have `frame.width * frame.height` pixels.
