@@ -425,7 +425,7 @@ pub fn fill(frame: &Frame, start: &Rgb, keyframes: &[Neighbour], exposure: f32) 
             Some((1.0 / (age(near?.distance) + AGE_FLOOR), picture, trust))
         })
         .collect();
-    let scale = if exposure.is_finite() && exposure > 0.0 { LOG_SCALE * exposure } else { LOG_SCALE };
+    let scale = log_scale(exposure);
     let mix = |i: usize| {
         let own = start.pixels[i];
         let usable = |radiance: &[f32; 3]| radiance.iter().all(|v| v.is_finite() && *v >= 0.0);
@@ -448,6 +448,11 @@ pub fn fill(frame: &Frame, start: &Rgb, keyframes: &[Neighbour], exposure: f32) 
     };
     let pixels = (0..frame.width * frame.height).into_par_iter().with_min_len(1024).map(mix).collect();
     Rgb { width: frame.width, height: frame.height, pixels }
+}
+
+/// Scale of scene radiance in the logarithm that warped keyframes are mixed in.
+fn log_scale(exposure: f32) -> f32 {
+    if exposure.is_finite() && exposure > 0.0 { LOG_SCALE * exposure } else { LOG_SCALE }
 }
 
 /// A picture of `f(index, lookup)`, without a look-up where nothing shows the surface.

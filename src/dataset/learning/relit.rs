@@ -19,6 +19,7 @@ const TINGE: f32 = 0.5;
 
 /// Light under which a sequence is shown.
 pub(super) struct Lit {
+    /// The environment.
     pub light: Arc<Light>,
     /// As deferred shading uses it; `None` where the recipe wants none.
     pub lighting: Option<Lighting>,

@@ -2,7 +2,7 @@
 //! paths, which follows reflections and shadows as far as that picture knows them, or as a factor of the albedo alone, as if the
 //! light stayed as it was. Where two keyframes show a surface, the change of light between them says which is right.
 
-use super::{Correspondence, FILLED, LOG_SCALE, Neighbour, fetch, ratio_fetch};
+use super::{Correspondence, FILLED, Neighbour, fetch, log_scale, ratio_fetch};
 use crate::Frame;
 use crate::image::{Image, Rgb};
 use glam::Vec3A;
@@ -33,8 +33,8 @@ pub struct Carried {
     pub valid: Image<f32>,
 }
 
-/// What each of `keys` shows of `frame`; `start` is its picture by the method of [`super::Keyframe::start`]. `exposure` is the
-/// sequence's factor to display-linear.
+/// What the keyframe before `frame` and the one after it show of it, in pictures of its size. `start` is its picture by the method
+/// of [`super::Keyframe::start`]. `exposure` is the sequence's factor to display-linear.
 ///
 /// With both keyframes, [`Carried::shaded`] is a mixture of what [`ratio_fetch`] makes of a keyframe and of [`Carried::tinted`],
 /// in a logarithmic curve. The share of the former is the slope with which the change of light from one keyframe to the other
@@ -54,7 +54,7 @@ pub fn carry(frame: &Frame, start: Option<&Rgb>, keys: [Option<&Neighbour>; 2], 
     if let [Some(before), Some(after)] = &mut carried
         && let (Some((first, _)), Some((second, _))) = (&before.shaded, &after.shaded)
     {
-        let scale = if exposure.is_finite() && exposure > 0.0 { LOG_SCALE * exposure } else { LOG_SCALE };
+        let scale = log_scale(exposure);
         let both = [Seen { shaded: first, carried: before, scale }, Seen { shaded: second, carried: after, scale }];
         let shares = shares(&both);
         let [first, second] = both.map(|seen| seen.mixed(&shares));
@@ -185,14 +185,17 @@ struct Table {
 }
 
 impl Table {
-    fn new(width: usize, height: usize, pixels: &[Sums]) -> Self {
-        let mut sums = vec![Sums::default(); (width + 1) * (height + 1)];
-        for y in 0..height {
-            let mut row = Sums::default();
+    fn new(width: usize, height: usize, of: impl Fn(usize) -> Sums + Sync) -> Self {
+        let stride = width + 1;
+        let mut sums = vec![Sums::default(); stride * (height + 1)];
+        // Along each row, then from row to row.
+        sums.par_chunks_mut(stride).skip(1).enumerate().for_each(|(y, row)| {
             for x in 0..width {
-                row = row.plus(pixels[y * width + x], 1.0);
-                sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1].plus(row, 1.0);
+                row[x + 1] = row[x].plus(of(y * width + x), 1.0);
             }
+        });
+        for i in stride..sums.len() {
+            sums[i] = sums[i].plus(sums[i - stride], 1.0);
         }
         Self { width, height, sums }
     }
@@ -224,7 +227,7 @@ impl Table {
 fn shares(seen: &[Seen; 2]) -> Vec<f32> {
     let Image { width, height, .. } = *seen[0].shaded;
     let all = || (0..width * height).into_par_iter().with_min_len(1024);
-    let table = Table::new(width, height, &all().map(|i| Sums::of(seen, i)).collect::<Vec<Sums>>());
+    let table = Table::new(width, height, |i| Sums::of(seen, i));
     let share = |i: usize| {
         if seen.iter().all(|seen| seen.carried.valid.pixels[i] <= FILLED) {
             return 0.0;
