@@ -33,8 +33,8 @@ pub struct Carried {
     pub valid: Image<f32>,
 }
 
-/// What the keyframe before `frame` and the one after it show of it, in pictures of its size. `start` is its picture by the method
-/// of [`super::Keyframe::start`]. `exposure` is the sequence's factor to display-linear.
+/// What the keyframe before `frame` and the one after it show of it, in pictures of its size. `start` is its picture by the
+/// method of [`super::Keyframe::start`]. `exposure` is the sequence's factor to display-linear.
 ///
 /// With both keyframes, [`Carried::shaded`] is a mixture of what [`ratio_fetch`] makes of a keyframe and of [`Carried::tinted`],
 /// in a logarithmic curve. The share of the former is the slope with which the change of light from one keyframe to the other
