@@ -2,8 +2,11 @@
 //! whether it was visible there. It does the same for the raw samples of neighbouring frames, pixel by pixel.
 
 mod carry;
+mod hold;
+mod window;
 
 pub use carry::{Carried, TINT, carry};
+pub use hold::{held, logarithms};
 
 use crate::image::{Image, Rgb};
 use crate::tracks::Movement;
@@ -169,6 +172,8 @@ fn alike(a: [f32; 3], b: [f32; 3]) -> bool {
 struct Surface {
     p_world: Vec3A,
     n_world: Vec3A,
+    /// Position and normal in the current frame.
+    here: [Vec3A; 2],
     id: u32,
 }
 
@@ -198,11 +203,12 @@ impl Surfaces<'_> {
         let pixel = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
         let mut p_world = self.camera.unproject(pixel, depth);
         let mut n_world = self.camera.camera_to_world.matrix3 * Vec3A::from_array(self.current.normal.pixels[i]);
+        let here = [p_world, n_world];
         if let Some(motion) = motion {
             p_world = motion.transform_point3a(p_world);
             n_world = moved_normal(&motion.matrix3, n_world);
         }
-        Some(Surface { p_world, n_world, id })
+        Some(Surface { p_world, n_world, here, id })
     }
 }
 

@@ -2,6 +2,7 @@
 //! paths, which follows reflections and shadows as far as that picture knows them, or as a factor of the albedo alone, as if the
 //! light stayed as it was. Where two keyframes show a surface, the change of light between them says which is right.
 
+use super::window::{self, Table};
 use super::{Correspondence, FILLED, Neighbour, fetch, log_scale, ratio_fetch};
 use crate::Frame;
 use crate::image::{Image, Rgb};
@@ -125,9 +126,8 @@ impl Seen<'_> {
     }
 }
 
-/// Sums of a pixel or of a window.
-#[derive(Clone, Copy, Default)]
-struct Sums([f64; 5]);
+/// What is summed over pixels.
+struct Sums;
 
 impl Sums {
     /// Product of the change from one keyframe to the other and of the change that their starts predict, where both show the
@@ -142,7 +142,7 @@ impl Sums {
     /// 1 where a keyframe shows the surface.
     const ANY: usize = 4;
 
-    fn of(seen: &[Seen; 2], i: usize) -> Self {
+    fn of(seen: &[Seen; 2], i: usize) -> window::Sums<5> {
         let mut sums = [0.0; 5];
         let logarithms = seen.each_ref().map(|seen| seen.logarithms(i));
         let square = |v: Vec3A| f64::from(v.dot(v));
@@ -165,61 +165,7 @@ impl Sums {
             sums[Self::AHEAD] = square(ahead / total);
             sums[Self::ANY] = 1.0;
         }
-        Self(sums)
-    }
-
-    fn plus(self, other: Self, sign: f64) -> Self {
-        Self(std::array::from_fn(|k| self.0[k] + sign * other.0[k]))
-    }
-
-    fn mean(self, of: usize, over: usize) -> f64 {
-        self.0[of] / self.0[over].max(1.0)
-    }
-}
-
-/// Sums over all pixels above and to the left, with a row and a column of zeros in front.
-struct Table {
-    width: usize,
-    height: usize,
-    sums: Vec<Sums>,
-}
-
-impl Table {
-    fn new(width: usize, height: usize, of: impl Fn(usize) -> Sums + Sync) -> Self {
-        let stride = width + 1;
-        let mut sums = vec![Sums::default(); stride * (height + 1)];
-        // Along each row, then from row to row.
-        sums.par_chunks_mut(stride).skip(1).enumerate().for_each(|(y, row)| {
-            for x in 0..width {
-                row[x + 1] = row[x].plus(of(y * width + x), 1.0);
-            }
-        });
-        for i in stride..sums.len() {
-            sums[i] = sums[i].plus(sums[i - stride], 1.0);
-        }
-        Self { width, height, sums }
-    }
-
-    /// The sums over the pixels that lie up to `reach` columns and rows from pixel `i`.
-    fn around(&self, i: usize, reach: usize) -> Sums {
-        let (x, y) = (i % self.width, i / self.width);
-        let (right, below) = ((x + reach + 1).min(self.width), (y + reach + 1).min(self.height));
-        let at = |x: usize, y: usize| self.sums[y * (self.width + 1) + x];
-        let (left, above) = (x.saturating_sub(reach), y.saturating_sub(reach));
-        at(right, below).plus(at(left, below), -1.0).plus(at(right, above), -1.0).plus(at(left, above), 1.0)
-    }
-
-    /// The same, over the smallest window of enough pixels that both keyframes show.
-    fn enough(&self, i: usize) -> Sums {
-        let mut reach = REACH;
-        loop {
-            let sums = self.around(i, reach);
-            let side = (2 * reach + 1) as f64;
-            if sums.0[Sums::BOTH] >= LEAST_SHARE * side * side || reach >= self.width.max(self.height) {
-                return sums;
-            }
-            reach = 2 * reach + 1;
-        }
+        window::Sums(sums)
     }
 }
 
@@ -232,7 +178,7 @@ fn shares(seen: &[Seen; 2]) -> Vec<f32> {
         if seen.iter().all(|seen| seen.carried.valid.pixels[i] <= FILLED) {
             return 0.0;
         }
-        let between = table.enough(i);
+        let between = table.enough(i, REACH, (Sums::BOTH, LEAST_SHARE));
         let prior = BELIEF * table.around(i, REACH).mean(Sums::AHEAD, Sums::ANY) + NOISE;
         let [followed, predicted] = [Sums::FOLLOWED, Sums::PREDICTED].map(|of| between.mean(of, Sums::BOTH));
         let slope = (followed + prior) / (predicted + prior);
