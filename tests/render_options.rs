@@ -239,3 +239,83 @@ fn the_first_frame_gets_a_sheet_and_several_frames_an_animation() {
         assert_eq!(std::fs::read(path(name).join(name)).unwrap(), b"mine");
     }
 }
+
+#[test]
+fn frames_are_cleaned_with_the_samples_of_frames_around_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let words = |out: &str, frames: &str, more: &[&str]| -> Vec<String> {
+        let out = path(out).to_string_lossy().into_owned();
+        let common = ["render", "--seed", "5", "--resolution", "48", "--no-sheet", "--frames", frames, "--out", &out];
+        common.iter().chain(more).map(|word| (*word).to_owned()).collect()
+    };
+    let run = |out: &str, frames: &str, more: &[&str]| {
+        let words = words(out, frames, more);
+        renderflow(&words.iter().map(String::as_str).collect::<Vec<_>>())
+    };
+    let made = |out: &str, frames: &str, more: &[&str]| {
+        let output = run(out, frames, more);
+        assert!(output.status.success(), "{}", stderr(&output));
+    };
+    let frame = |out: &str, index: usize| exr::read(&path(out).join(format!("frame.{index:04}.exr"))).unwrap();
+    let neural = ["--spp", "2", "--denoise", "neural"];
+    let around = [&neural[..], &["--neighbours", "around"]].concat();
+
+    made("alone", "5", &neural);
+    made("around", "5", &around);
+    made("truth", "5", &["--spp", "512", "--denoise", "none"]);
+    let error = |out: &str| -> f32 {
+        let of = |index: usize| {
+            let (found, truth) = (frame(out, index), frame("truth", index));
+            let pairs = found.beauty.unwrap().pixels.into_iter().zip(truth.beauty.unwrap().pixels).zip(truth.alpha.pixels);
+            let curve = |v: f32| (8.0 * truth.info.exposure * v).ln_1p();
+            let square = |(a, b): ([f32; 3], [f32; 3])| (0..3).map(|c| (curve(a[c]) - curve(b[c])).powi(2)).sum::<f32>();
+            pairs.filter(|(_, alpha)| *alpha > 0.0).map(|(pair, _)| square(pair)).sum::<f32>()
+        };
+        (0..5).map(of).sum()
+    };
+    let errors = ["alone", "around"].map(error);
+    println!("squared errors without and with the frames around: {errors:?}");
+    assert!(errors[1] < 0.9 * errors[0], "{errors:?}");
+    let first = frame("around", 0);
+    let name = first.info.denoiser.unwrap();
+    assert!(name.contains("neural ") && name.ends_with(", frames before and after"), "{name}");
+    // The samples stay what they were.
+    assert_eq!(first.raw, frame("alone", 0).raw);
+
+    // Again: nothing is made. A frame that is lost comes back the same, though only the others are denoised.
+    let bytes = || -> Vec<Vec<u8>> {
+        (0..5).map(|index| std::fs::read(path("around").join(format!("frame.{index:04}.exr"))).unwrap()).collect()
+    };
+    let before = bytes();
+    let modified = || std::fs::metadata(path("around").join("frame.0001.exr")).unwrap().modified().unwrap();
+    let then = modified();
+    made("around", "5", &around);
+    assert_eq!((bytes(), modified()), (before.clone(), then));
+    std::fs::remove_file(path("around").join("frame.0002.exr")).unwrap();
+    made("around", "5", &around);
+    assert!(bytes() == before, "a lost frame came back otherwise");
+
+    // A raw sequence is denoised as it is; a shorter one gets longer, and its frames get samples of the new ones.
+    made("later", "5", &["--spp", "2", "--denoise", "none"]);
+    made("later", "5", &around);
+    made("longer", "3", &around);
+    made("longer", "5", &around);
+    for other in ["later", "longer"] {
+        for (index, before) in before.iter().enumerate() {
+            let now = std::fs::read(path(other).join(format!("frame.{index:04}.exr"))).unwrap();
+            assert!(now == *before, "{other}: frame {index} is another");
+        }
+    }
+
+    // Frames that were denoised by themselves are of other settings, and some things do not go together.
+    for (out, frames, more, reason) in [
+        ("alone", "5", &around[..], "the denoiser was"),
+        ("one", "1", &around[..], "--neighbours: the scene has one frame"),
+        ("none", "5", &["--spp", "2", "--denoise", "none", "--neighbours", "before"], "--denoise none has none"),
+        ("adaptive", "5", &["--adaptive", "--neighbours", "before"], "cannot be used with"),
+    ] {
+        let refused = run(out, frames, more);
+        assert!(!refused.status.success() && stderr(&refused).contains(reason), "{}", stderr(&refused));
+    }
+}

@@ -1,8 +1,9 @@
 use super::WeightsArgs;
+use crate::dataset::around::Neighbours;
 use crate::dataset::shading::Shading;
 use crate::dataset::{Dataset, Sequence};
 use crate::evaluate::method::Method;
-use crate::evaluate::method::tracing::{Clean, Neighbours};
+use crate::evaluate::method::tracing::Clean;
 use crate::evaluate::renderer::{self, MethodRenderer};
 use crate::util::cancel::Cancel;
 use crate::util::device;
@@ -47,7 +48,7 @@ pub struct Infer {
     /// Trace this many samples for each pixel, instead of deferred shading
     #[arg(long, value_name = "SAMPLES", value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Sampling")]
     rays: Option<u32>,
-    /// Also use the samples of the two frames before, or of those before and after
+    /// Also use the samples of the frames before, or of those before and after: of two for the network, of up to eight for OIDN
     #[arg(long, value_enum, requires = "rays", help_heading = "Sampling")]
     neighbours: Option<Neighbours>,
     /// The denoised picture that the network reads with the samples of --rays: OIDN's picture of least error (the default where

@@ -1,7 +1,9 @@
 use super::scene::{SceneArgs, Wanted, any_resolution};
 use super::{OpenArgs, TraceArgs};
+use crate::dataset::around::Neighbours;
 use crate::dataset::contact;
 use crate::dataset::denoise::Denoise;
+use crate::dataset::job::around::Window;
 use crate::dataset::job::watch::{Target, Watch};
 use crate::dataset::job::{SequenceJob, TruthSettings};
 use crate::dataset::layout::{ANIMATION, SHEET};
@@ -14,7 +16,7 @@ use crate::util::progress::Progress;
 use crate::util::ranges::{Resolution, within};
 use crate::util::stop;
 use crate::util::tev::Tev;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
@@ -31,6 +33,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 const FEWEST_MOMENTS: u32 = 8;
 /// Pictures of the animation have at most this many pixels along their longer side.
 const ANIMATED: usize = 640;
+/// Units of progress for denoising a frame once all frames are rendered; rendering it has 1000.
+const DENOISING: u64 = 100;
 /// Milliseconds that it shows each frame.
 const SHOWN: u32 = 100;
 
@@ -54,6 +58,11 @@ pub struct Render {
     frames: Option<u32>,
     #[command(flatten)]
     trace: TraceArgs,
+    /// Denoise with the samples of up to eight frames before as well, or of those before and after, as far as they agree: less error,
+    /// and less flicker. Frames are denoised once all are rendered
+    #[arg(long, value_enum, help_heading = "Denoising",
+        conflicts_with_all = ["adaptive", "target_error", "time_budget", "sample_map", "reference", "tev"])]
+    neighbours: Option<Neighbours>,
     #[command(flatten)]
     device: DeviceArgs,
     #[command(flatten)]
@@ -276,9 +285,16 @@ impl Render {
         // No other denoiser is a network of this program.
         let device = if self.trace.denoise == Denoise::Neural { self.device.open()? } else { NetworkDevice::cpu() };
         let mut settings = TruthSettings::new(render, self.trace.denoise, &device)?;
+        if let Some(neighbours) = self.neighbours {
+            ensure!(scene.frames > 1, "--neighbours: the scene has one frame; --frames makes more");
+            ensure!(self.trace.denoise != Denoise::None, "--neighbours: is for a denoiser, and --denoise none has none");
+            settings = settings.with_neighbours(neighbours, scene.frames as usize)?;
+        }
+        let later = settings.denoises_later();
         (settings.sample_map, settings.distance) = (self.adaptive.sample_map, self.distance);
         let viewer = self.tev.as_deref().map(Tev::connect).transpose()?;
-        let progress = Arc::new(Progress::new("render", u64::from(scene.frames) * 1000));
+        let each = if later { 1000 + DENOISING } else { 1000 };
+        let progress = Arc::new(Progress::new("render", u64::from(scene.frames) * each));
         let rows = Arc::new(Mutex::new(Vec::new()));
         if target.is_some() || viewer.is_some() {
             let mut watch = Watch::default();
@@ -315,12 +331,21 @@ impl Render {
         for (_, path) in not_made.into_iter().filter(|(_, path)| self.overwrite && !work.missing.is_empty() && path.exists()) {
             eprintln!("note: {}: stays as it is, and does not show this render", path.display());
         }
-        sequence.lengthen(&work)?;
+        sequence.lengthen(&work, &settings)?;
         progress.resume(1000 * (frames - work.missing.len()) as u64);
         let mut written = Vec::new();
+        if later {
+            for &index in &work.missing {
+                sequence.render(index, &settings, &progress, cancel)?;
+            }
+        }
+        let mut window = Window::default();
         for index in 0..frames {
             let made = work.missing.contains(&index);
-            if made {
+            if later {
+                sequence.denoise(index, &settings, &mut window, cancel)?;
+                progress.add(DENOISING);
+            } else if made {
                 sequence.render(index, &settings, &progress, cancel)?;
             }
             let path = sequence.path(index);

@@ -1,5 +1,6 @@
 //! Renders the ground truth of a sequence: path tracing, denoising, G-buffers, one file for each frame. The work can be resumed.
 
+pub mod around;
 pub mod clean;
 mod decide;
 pub(crate) mod memory;
@@ -8,6 +9,7 @@ pub mod watch;
 use crate::dataset::layout::{ENVIRONMENT, SCENE, TIMING, TRANSFORMS, frame_file};
 pub use decide::{Existing, Work};
 
+use super::around::Neighbours;
 use super::denoise::Denoise;
 use super::plan::is_keyframe;
 use crate::util::cancel::Cancel;
@@ -52,6 +54,8 @@ pub struct TruthSettings {
     /// Looks at the picture while it is rendered.
     pub watch: Option<Watch>,
     denoiser: Option<Cleaner>,
+    /// The frames whose samples the denoiser reads as well.
+    neighbours: Neighbours,
 }
 
 impl TruthSettings {
@@ -61,7 +65,7 @@ impl TruthSettings {
     /// When the mode asks for a denoiser that is not found.
     pub fn new(render: Settings, mode: Denoise, device: &NetworkDevice) -> Result<Self> {
         let denoiser = if render.spp == 0 { None } else { Cleaner::open(mode, &render, device)? };
-        Ok(Self { render, sample_map: None, shutter: None, distance: false, watch: None, denoiser })
+        Ok(Self::of(render, denoiser))
     }
 
     /// As [`Self::new`], but without a warning: for rows beside a truth that has already warned.
@@ -77,8 +81,12 @@ impl TruthSettings {
 
     /// Denoises with `network`, which also reads what `oidn` makes of the samples. `render` has at least one sample per pixel.
     pub fn with_network(render: Settings, network: Arc<Fusion>, oidn: Option<Denoiser>) -> Self {
-        let denoiser = Some(Cleaner::neural(network, oidn));
-        Self { render, sample_map: None, shutter: None, distance: false, watch: None, denoiser }
+        Self::of(render, Some(Cleaner::neural(network, oidn)))
+    }
+
+    fn of(render: Settings, denoiser: Option<Cleaner>) -> Self {
+        let neighbours = Neighbours::Alone;
+        Self { render, sample_map: None, shutter: None, distance: false, watch: None, denoiser, neighbours }
     }
 
     /// Refuses frames of `scene` that take more memory than is available. `storage` is how they are stored.
@@ -92,7 +100,12 @@ impl TruthSettings {
 
     /// Name of the denoiser in use.
     pub fn denoiser_name(&self) -> Option<String> {
-        self.denoiser.as_ref().map(|denoiser| denoiser.name().to_owned())
+        self.denoiser.as_ref().map(|denoiser| format!("{}{}", denoiser.name(), self.neighbours.label()))
+    }
+
+    /// Whether frames are denoised once all are rendered.
+    pub fn denoises_later(&self) -> bool {
+        self.neighbours != Neighbours::Alone
     }
 
     /// Bytes that denoising a picture of this many pixels takes beyond its channels, and how many of them are kept for the next
@@ -173,9 +186,9 @@ impl TruthSettings {
             eprintln!("warning: {} samples were not finite and count as black", stats.non_finite_samples);
         }
         let traced = started.elapsed().as_secs_f64();
-        if let Some(denoiser) = &self.denoiser {
+        if let Some(denoiser) = self.denoiser.as_ref().filter(|_| self.neighbours == Neighbours::Alone) {
             frame.beauty = None;
-            frame.beauty = Some(denoiser.clean(scene, &frame, &self.render, cancel)?);
+            frame.beauty = Some(denoiser.clean(scene, &frame, None, &self.render, cancel)?);
             frame.info.denoiser = self.denoiser_name();
             if let (Some(watch), Some(beauty)) = (&self.watch, &frame.beauty) {
                 watch.after("denoised", beauty, scene.exposure())?;
@@ -280,15 +293,19 @@ impl OpenSequence<'_> {
         self.job.out.join(frame_file(number, self.job.storage))
     }
 
-    /// Makes the frames of a shorter sequence part of this one: their headers name this scene. They are rendered no more.
+    /// Makes the frames of a shorter sequence part of this one: their headers name this scene. They are rendered no more, and are
+    /// denoised again where they may get samples of later frames.
     ///
     /// # Errors
     /// When a file cannot be read or written.
-    pub fn lengthen(&self, work: &Work) -> Result<()> {
+    pub fn lengthen(&self, work: &Work, settings: &TruthSettings) -> Result<()> {
         for &number in &work.lengthened {
             let path = self.path(number);
             let mut frame = frame_file::read(&path)?;
             frame.info.scene_hash.clone_from(&self.loaded.hash);
+            if settings.neighbours == Neighbours::Around {
+                frame.info.denoiser = None;
+            }
             let (bytes, _) = self.job.storage.encode(&path, &frame)?;
             stop::hold(|| file::write_atomic(&path, &bytes))?;
         }
@@ -302,7 +319,7 @@ impl OpenSequence<'_> {
     /// When stopped ([`Interrupted`](crate::util::cancel::Interrupted)), when a frame cannot be rendered, or when a file cannot
     /// be written.
     pub fn make(&mut self, work: &Work, settings: &TruthSettings, progress: &Progress, cancel: &Cancel) -> Result<()> {
-        self.lengthen(work)?;
+        self.lengthen(work, settings)?;
         let kept = self.job.numbers(self.loaded.cameras.len()).count() - work.missing.len();
         progress.resume(1000 * kept as u64);
         for &number in &work.missing {
@@ -355,27 +372,8 @@ impl OpenSequence<'_> {
     /// As [`make`](Self::make).
     pub fn render(&mut self, number: usize, settings: &TruthSettings, progress: &Progress, cancel: &Cancel) -> Result<Cost> {
         let started = Instant::now();
-        let mut scene = match self.compiled.take() {
-            Some(scene) => scene,
-            None => {
-                let compiled = match settings.shutter {
-                    None => RenderScene::compile(&self.loaded)?,
-                    Some(shutter) => {
-                        // Of the scene with its moments, and of what is compiled from it.
-                        let needed = self.loaded.moments_memory(shutter.moments as usize).saturating_mul(2);
-                        machine::ensure_memory("the movement of all frames", needed, "fewer frames take less")?;
-                        RenderScene::compile_with_shutter(&self.loaded, shutter)?
-                    }
-                };
-                let seconds = started.elapsed().as_secs_f64();
-                tracing::info!(seconds, features = ?compiled.features(), "compiled");
-                let limited = compiled.environment_repairs().limited;
-                if limited > 0 {
-                    eprintln!("note: {limited} components of the environment were beyond 1e32 and count as that");
-                }
-                compiled
-            }
-        };
+        self.compile(settings)?;
+        let mut scene = self.compiled.take().context("the scene is not compiled")?;
         scene.set_frame(number);
         settings.ensure_memory(&scene, self.job.storage)?;
         self.describe()?;
@@ -386,18 +384,56 @@ impl OpenSequence<'_> {
         self.compiled = Some(scene);
         let (frame, [render, denoise]) = rendered?;
         progress.set(before + 1000);
+        let cost = self.write(number, &frame)?;
+        tracing::debug!(
+            frame = number,
+            compile,
+            render,
+            denoise,
+            write = cost.write,
+            bytes = cost.bytes,
+            "seconds of the frame's stages"
+        );
+        self.timing.seconds[number] = Some(started.elapsed().as_secs_f64());
+        stop::hold(|| file::write_json(&self.job.out.join(TIMING), &self.timing))?;
+        Ok(Cost { compile, render, denoise, ..cost })
+    }
+
+    /// Compiles the scene, if it is not compiled yet.
+    fn compile(&mut self, settings: &TruthSettings) -> Result<()> {
+        if self.compiled.is_some() {
+            return Ok(());
+        }
+        let started = Instant::now();
+        let compiled = match settings.shutter {
+            None => RenderScene::compile(&self.loaded)?,
+            Some(shutter) => {
+                // Of the scene with its moments, and of what is compiled from it.
+                let needed = self.loaded.moments_memory(shutter.moments as usize).saturating_mul(2);
+                machine::ensure_memory("the movement of all frames", needed, "fewer frames take less")?;
+                RenderScene::compile_with_shutter(&self.loaded, shutter)?
+            }
+        };
+        let seconds = started.elapsed().as_secs_f64();
+        tracing::info!(seconds, features = ?compiled.features(), "compiled");
+        let limited = compiled.environment_repairs().limited;
+        if limited > 0 {
+            eprintln!("note: {limited} components of the environment were beyond 1e32 and count as that");
+        }
+        self.compiled = Some(compiled);
+        Ok(())
+    }
+
+    /// Writes frame `number`; the cost has the seconds and the bytes of that.
+    fn write(&self, number: usize, frame: &Frame) -> Result<Cost> {
         let written = Instant::now();
         let path = self.path(number);
-        let (bytes, clamped) = self.job.storage.encode(&path, &frame)?;
+        let (bytes, clamped) = self.job.storage.encode(&path, frame)?;
         if clamped > 0 {
             eprintln!("warning: {}: {clamped} values beyond 65504 were clamped", path.display());
         }
         stop::hold(|| file::write_atomic(&path, &bytes))?;
-        let write = written.elapsed().as_secs_f64();
-        tracing::debug!(frame = number, compile, render, denoise, write, bytes = bytes.len(), "seconds of the frame's stages");
-        self.timing.seconds[number] = Some(started.elapsed().as_secs_f64());
-        stop::hold(|| file::write_json(&self.job.out.join(TIMING), &self.timing))?;
-        Ok(Cost { compile, render, denoise, write, bytes: bytes.len() as u64 })
+        Ok(Cost { write: written.elapsed().as_secs_f64(), bytes: bytes.len() as u64, ..Cost::default() })
     }
 }
 

@@ -1,6 +1,7 @@
 //! Datasets: a plan that fits in a page, folders of sequences made from it, and what can be done with them.
 
 pub mod agreement;
+pub mod around;
 pub mod check;
 pub mod contact;
 pub mod damage;

@@ -377,8 +377,9 @@ impl Method {
 
 #[cfg(test)]
 mod tests {
-    use super::tracing::{Guides, IN_BUDGET, Neighbours};
+    use super::tracing::{Guides, IN_BUDGET};
     use super::*;
+    use crate::dataset::around::Neighbours;
 
     #[test]
     fn names_lead_back_to_themselves() {

@@ -2,7 +2,6 @@
 
 mod baseline;
 mod fused;
-mod samples;
 mod sessions;
 mod traced;
 
@@ -23,7 +22,6 @@ use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::Renderer;
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer};
 use renderflow_scenes::{description::Scene, load};
-use samples::Buffer;
 use sessions::{NetworkSessions, Shaded};
 use std::path::PathBuf;
 use traced::{Current, Tracer};
@@ -103,6 +101,17 @@ pub struct Picture {
     pub seconds: f64,
     /// Samples for each pixel, for path tracing.
     pub spp: Option<u32>,
+}
+
+/// The G-buffer of the current frame, and its seconds.
+#[derive(Clone, Copy)]
+pub struct Buffer<'a> {
+    /// Stored index of the frame.
+    pub index: usize,
+    /// The G-buffer with its camera.
+    pub frame: &'a Frame,
+    /// Wall seconds of making it.
+    pub seconds: f64,
 }
 
 /// What all methods of a frame share.

@@ -283,7 +283,7 @@ impl Stage {
                 let samples = render(&self.scene, &settings, &|_, _| (), cancel)?;
                 let buffer = self.gbuffer.as_ref().context("no G-buffer")?;
                 let denoiser = self.denoiser();
-                let image = fuse(&self.network, denoiser, &self.scene, [&samples, &buffer.value], cancel)?;
+                let image = fuse(&self.network, denoiser, &self.scene, [&samples, &buffer.value], None, cancel)?;
                 Ok(Made { content: Content::Radiance(image), samples: spp, seconds: before + drawing.elapsed().as_secs_f64() })
             }
         }

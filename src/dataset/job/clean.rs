@@ -1,13 +1,14 @@
 //! Denoises path-traced pictures, by OIDN or by the network inside the program.
 
+use crate::dataset::around::{Carried, Traced, add_up, offer};
 use crate::dataset::denoise::Denoise;
 use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::device;
 use crate::util::stop;
 use anyhow::{Context, Result};
-use renderflow_frame::Frame;
 use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
+use renderflow_frame::{Camera, Frame};
 use renderflow_model::device::NetworkDevice;
 use renderflow_model::fusion::fill::{Samples, background};
 use renderflow_model::fusion::record::Selection;
@@ -111,14 +112,41 @@ impl Cleaner {
         }
     }
 
-    /// Denoises `frame`, at which `scene` stands.
+    /// Opens OIDN once more where it denoises the samples of `frames` frames at once: their guides may be clean where those of
+    /// one are not.
+    ///
+    /// # Errors
+    /// When it is not found.
+    pub(super) fn reopen(&mut self, settings: &Settings, frames: usize) -> Result<()> {
+        if let Self::Oidn(denoiser) = self {
+            let all = Settings { spp: settings.spp.saturating_mul(frames as u32), ..*settings };
+            *denoiser = Mutex::new(Denoiser::with_options(Options { clean_guides: all.clean_guides(), ..Options::default() })?);
+        }
+        Ok(())
+    }
+
+    /// Denoises `frame`, at which `scene` stands, with what is `nearby`.
     ///
     /// # Errors
     /// When stopped ([`Interrupted`]), when the denoiser fails, or when the frame has no samples.
-    pub(super) fn clean(&self, scene: &RenderScene, frame: &Frame, settings: &Settings, cancel: &Cancel) -> Result<Rgb> {
-        let raw = frame.raw.as_ref().context("the path tracer made no picture")?;
+    pub(super) fn clean(
+        &self,
+        scene: &RenderScene,
+        frame: &Frame,
+        nearby: Option<Nearby>,
+        settings: &Settings,
+        cancel: &Cancel,
+    ) -> Result<Rgb> {
         match self {
-            Self::Oidn(denoiser) => denoise(denoiser, raw, [frame.guide_albedo.as_ref(), frame.guide_normal.as_ref()], cancel),
+            Self::Oidn(denoiser) => {
+                if let Some(Nearby { own, others, .. }) = nearby {
+                    let (raw, guides) = add_up(own, others.iter().map(|(_, other)| other), &frame.object_id);
+                    let [albedo, normal] = guides.as_ref().map_or([None; 2], |[albedo, normal]| [Some(albedo), Some(normal)]);
+                    return denoise(denoiser, &raw, [albedo, normal], cancel);
+                }
+                let raw = frame.raw.as_ref().context("the path tracer made no picture")?;
+                denoise(denoiser, raw, [frame.guide_albedo.as_ref(), frame.guide_normal.as_ref()], cancel)
+            }
             Self::Neural { network, oidn, .. } => {
                 // The network was trained with G-buffers of this many camera rays for each pixel, even where there are fewer
                 // samples.
@@ -127,13 +155,27 @@ impl Cleaner {
                 let gbuffer = few.then(|| render_gbuffer_until(scene, &usual, cancel)).transpose();
                 cancel.check()?;
                 let gbuffer = gbuffer?;
-                fuse(network, oidn.as_ref(), scene, [frame, gbuffer.as_ref().unwrap_or(frame)], cancel)
+                fuse(network, oidn.as_ref(), scene, [frame, gbuffer.as_ref().unwrap_or(frame)], nearby, cancel)
             }
         }
     }
 }
 
-/// The picture that the network makes of `samples`, a path-traced frame, with the G-buffer of `guides`. `scene` stands at both.
+/// Samples of the frames around the one that is denoised.
+#[derive(Clone, Copy)]
+pub struct Nearby<'a> {
+    /// Place of the frame in the sequence.
+    pub index: usize,
+    /// Its own samples.
+    pub own: &'a Traced,
+    /// Samples of other frames, each with its place, nearest first.
+    pub others: &'a [(usize, Carried<'a>)],
+    /// Cameras, by place.
+    pub cameras: &'a [Camera],
+}
+
+/// The picture that the network makes of `samples`, a path-traced frame, with the G-buffer of `guides`, and with what is `nearby`.
+/// `scene` stands at both.
 ///
 /// # Errors
 /// When stopped ([`Interrupted`]), when a denoiser fails, or when the frame has no samples.
@@ -142,6 +184,7 @@ pub fn fuse(
     oidn: Option<&Mutex<Denoiser>>,
     scene: &RenderScene,
     [samples, guides]: [&Frame; 2],
+    nearby: Option<Nearby>,
     cancel: &Cancel,
 ) -> Result<Rgb> {
     let (camera, light, exposure) = (scene.camera(), scene.light(), scene.exposure());
@@ -150,8 +193,16 @@ pub fn fuse(
     record.add_environment(&shading, exposure);
     let behind = background(camera, &samples.alpha, &light.environment);
     record.add_part(0, &Samples::of(samples, &behind).context("samples without guides")?, exposure);
+    if let Some(Nearby { index, others, cameras, .. }) = nearby {
+        let near = others.iter().map(|(there, other)| (*there, other));
+        offer(&mut record, index, near, |there| cameras[there], (&light.environment, exposure))?;
+    }
     if let Some(oidn) = oidn {
-        let [color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
+        let [mut color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
+        if let Some(Nearby { own, others, .. }) = nearby {
+            // More frames than the network has places for, each as far as it holds.
+            color = add_up(own, others.iter().map(|(_, other)| other), &samples.object_id).0;
+        }
         record.add_denoised(0, &denoise(oidn, &color, [Some(&albedo), Some(&normal)], cancel)?, exposure);
     }
     cancel.check()?;

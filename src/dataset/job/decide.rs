@@ -2,6 +2,7 @@
 
 use super::memory;
 use super::{NO_MAP, OpenSequence, TruthSettings, with_absolute_paths};
+use crate::dataset::around::Neighbours;
 use crate::dataset::layout::{ENVIRONMENT, RECORD, SCENE, TIMING, TRANSFORMS};
 use crate::util::output::{self, OVERWRITE};
 use anyhow::{Result, bail, ensure};
@@ -36,6 +37,7 @@ impl OpenSequence<'_> {
     pub fn decide(&self, settings: &TruthSettings, overwrite: Option<bool>) -> Result<Work> {
         // Light paths may take more; the compiled scene will know.
         memory::ensure(settings, self.job.scene.resolution.map(|v| v as usize), false, self.job.storage)?;
+        settings.ensure_window(self.job.scene.resolution, self.job.numbers(self.loaded.cameras.len()).count())?;
         let (overwrite, way) = (overwrite == Some(true), overwrite.map_or("choose another folder", |_| OVERWRITE));
         let out = &self.job.out;
         let earlier = self.earlier();
@@ -223,7 +225,9 @@ impl OpenSequence<'_> {
                 }
             }
             let none = |name: &Option<String>| name.clone().unwrap_or_else(|| "none".into());
-            if info.denoiser != settings.denoiser_name() {
+            // Denoising with the frames around comes after rendering.
+            let waits = settings.neighbours != Neighbours::Alone && info.denoiser.is_none();
+            if info.denoiser != settings.denoiser_name() && !waits {
                 put("the denoiser", none(&info.denoiser), none(&settings.denoiser_name()));
             }
             let lens = |lens: &str| if lens.is_empty() { "a pinhole".to_owned() } else { lens.to_owned() };

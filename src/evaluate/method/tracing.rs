@@ -1,6 +1,7 @@
 //! The names of path-traced rows, and what they mean.
 
 use super::Method;
+use crate::dataset::around::{Neighbours, REACH};
 use crate::evaluate::results::{Group, MethodInfo};
 use anyhow::{Result, bail, ensure};
 use renderflow_renderer::denoise::Quality;
@@ -43,20 +44,8 @@ pub enum Guides {
     GBuffer,
 }
 
-/// Which other frames' samples are used.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
-pub enum Neighbours {
-    /// None.
-    #[value(skip)]
-    Alone,
-    /// Samples of the [`REACH`] frames before and after.
-    Around,
-    /// Samples of the [`REACH`] frames before.
-    Before,
-}
-
-/// Samples come from at most this many frames away.
-pub const REACH: usize = 2;
+/// The network by itself reads those of the nearest frames alone, at most this many frames away.
+const READ: usize = 2;
 
 /// How a path-traced picture is made.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -164,6 +153,12 @@ impl Tracing {
         format!("{from}{clean}{guides}{}{keyframes}", self.neighbours.suffix())
     }
 
+    /// The frames whose samples are used for frame `index` of `count`, nearest first, without the frame itself.
+    pub fn others(&self, index: usize, count: usize) -> Vec<usize> {
+        let reach = if self.clean == Clean::Neural(None) { READ } else { REACH };
+        self.neighbours.of(reach, index, count)
+    }
+
     /// Describes what follows the samples.
     fn words(&self) -> String {
         let guides = if self.guides == Guides::GBuffer { ", guided by a G-buffer" } else { "" };
@@ -257,38 +252,6 @@ impl Clean {
     }
 }
 
-impl Neighbours {
-    /// The part that it adds to the name of a method.
-    pub fn suffix(self) -> &'static str {
-        match self {
-            Self::Alone => "",
-            Self::Around => "+around",
-            Self::Before => "+before",
-        }
-    }
-
-    fn label(self) -> &'static str {
-        match self {
-            Self::Alone => "",
-            Self::Around => ", 2 frames before and after",
-            Self::Before => ", 2 frames before",
-        }
-    }
-
-    /// The frames whose samples are used for frame `index` of `count`, nearest first, without the frame itself.
-    pub fn of(self, index: usize, count: usize) -> Vec<usize> {
-        let before = (1..=REACH).filter_map(|step| index.checked_sub(step));
-        let after = (1..=REACH).map(|step| index + step).filter(|&other| other < count);
-        let mut frames: Vec<usize> = match self {
-            Self::Alone => Vec::new(),
-            Self::Around => before.chain(after).collect(),
-            Self::Before => before.collect(),
-        };
-        frames.sort_by_key(|&other| (other.abs_diff(index), other));
-        frames
-    }
-}
-
 /// The lines about path-traced rows in the help: a name, and its meaning.
 pub(super) const HELP: [(&str, &str); 6] = [
     (
@@ -307,8 +270,8 @@ pub(super) const HELP: [(&str, &str); 6] = [
     ("...+gbuffer", "after one of these with OIDN: guided by a G-buffer of 16 camera rays per pixel, whose seconds it pays for"),
     (
         "...+around, ...+before",
-        "at the end of one of these with OIDN: with the samples of the two frames before and after, or before alone, each carried along by \
-         motion; each frame is traced and paid for once",
+        "at the end of one of these with OIDN: with the samples of up to eight frames before and after, or before alone, each carried along \
+         by motion and weighted by how well it agrees; each frame is traced and paid for once",
     ),
     (
         "pt4+neural",
@@ -323,10 +286,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn neighbours_stay_inside_the_sequence() {
-        assert_eq!(Neighbours::Around.of(3, 9), [2, 4, 1, 5]);
-        assert_eq!(Neighbours::Before.of(3, 9), [2, 1]);
-        assert_eq!((Neighbours::Around.of(0, 2), Neighbours::Around.of(8, 9)), (vec![1], vec![7, 6]));
-        assert_eq!((Neighbours::Before.of(0, 9), Neighbours::Alone.of(3, 9)), (vec![], vec![]));
+    fn the_network_by_itself_reads_fewer_frames() {
+        let others = |id: &str| Tracing::parse(id).unwrap().others(20, 40).len();
+        assert_eq!((others("pt4+oidn+around"), others("pt4+oidn+neural+before"), others("pt4+neural+around")), (16, 8, 4));
     }
 }

@@ -1,15 +1,15 @@
 //! The network that reads samples on one sequence: fills the network's input for each frame, and measures the seconds.
 
-use super::samples::{Buffer, Carried, Traced};
+use super::Buffer;
+use crate::dataset::around::{Carried, Traced, add_up, offer};
 use crate::dataset::{Sequence, keyframes};
 use crate::util::clock::timed;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::warp::Keyframe;
-use renderflow_model::fusion::batch::BEFORE;
-use renderflow_model::fusion::fill::{Samples, background};
-use renderflow_model::fusion::record::{NEIGHBOURS, Selection};
+use renderflow_model::fusion::fill::background;
+use renderflow_model::fusion::record::Selection;
 use renderflow_model::fusion::{Fusion, Record};
 use renderflow_renderer::deferred::Deferred;
 use renderflow_renderer::denoise::Denoiser;
@@ -50,13 +50,13 @@ impl<'a> Fused<'a> {
         })
     }
 
-    /// The picture from samples of the frame and of its neighbours, with or without keyframes, and with what `denoiser` makes of
-    /// the samples; and its seconds without those of the samples.
+    /// The picture from samples of the frame and of its neighbours, nearest first and each with its stored index, with or without
+    /// keyframes, and with what `denoiser` makes of the samples; and its seconds without those of the samples.
     pub fn traced(
         &self,
         buffer: Buffer,
         own: &Traced,
-        others: &[(usize, Carried)],
+        (places, others): (&[usize], &[Carried]),
         keyframes: bool,
         denoiser: Option<&mut Denoiser>,
     ) -> Result<(Rgb, f64)> {
@@ -70,22 +70,18 @@ impl<'a> Fused<'a> {
             let mut record = Record::of(buffer.frame, &shading.surfaces, exposure);
             record.add_environment(&shading, exposure);
             let behind = background(sequence.camera(index), &own.alpha, environment);
-            record.add_part(0, &samples(own, &behind)?, exposure);
-            let (mut before, mut after) = (0, BEFORE);
-            for (there, carried) in others {
-                let (place, limit) = if *there < index { (&mut before, BEFORE) } else { (&mut after, NEIGHBOURS) };
-                if *place < limit {
-                    let traced = carried.samples;
-                    let behind = background(sequence.camera(*there), &traced.alpha, environment);
-                    record.add_neighbour(*place, &samples(traced, &behind)?, &carried.source, exposure);
-                    *place += 1;
-                }
-            }
+            record.add_part(0, &own.samples(&behind)?, exposure);
+            let near = places.iter().copied().zip(others);
+            offer(&mut record, index, near, |there| *sequence.camera(there), (environment, exposure))?;
             if keyframes {
                 self.carry(&mut record, buffer, None);
             }
             if let Some(denoiser) = denoiser {
-                let [color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
+                let [mut color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
+                if !others.is_empty() {
+                    // More frames than the network has places for, each as far as it holds.
+                    color = add_up(own, others, &buffer.frame.object_id).0;
+                }
                 record.add_denoised(0, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);
             }
             self.draw(&record)
@@ -111,10 +107,4 @@ impl<'a> Fused<'a> {
         let pixels = self.network.render(record)?.into_iter().map(|rgb| rgb.map(|v| v / exposure)).collect();
         Ok(Rgb { width: record.width, height: record.height, pixels })
     }
-}
-
-/// Samples in the form that the network takes; `background` is the environment behind their frame.
-fn samples<'a>(traced: &'a Traced, background: &'a Rgb) -> Result<Samples<'a>> {
-    let [albedo, _] = traced.guides.as_ref().context("samples without guides")?;
-    Ok(Samples { raw: &traced.raw, alpha: &traced.alpha, albedo, background, spp: traced.spp })
 }

@@ -1,12 +1,13 @@
 //! Path tracing on one sequence: traces only the channels that a row needs, carries the samples of neighbouring frames, denoises,
 //! and measures the seconds.
 
+use super::Buffer;
 use super::Options;
 use super::fused::Fused;
-use super::samples::{Buffer, Carried, Traced, add_up};
 use crate::dataset::Sequence;
+use crate::dataset::around::{Carried, Neighbours, REACH, Traced, add_up, surface};
 use crate::evaluate::method::Method;
-use crate::evaluate::method::tracing::{Clean, Guides, Neighbours, REACH, Samples, Tracing};
+use crate::evaluate::method::tracing::{Clean, Guides, Samples, Tracing};
 use crate::evaluate::results::BUDGET_PIXELS;
 use crate::metrics::median;
 use crate::util::cancel::Cancel;
@@ -15,7 +16,7 @@ use anyhow::{Context, Result};
 
 use renderflow_frame::image::Rgb;
 
-use renderflow_frame::{Frame, FrameInfo, warp};
+use renderflow_frame::Frame;
 use renderflow_renderer::denoise::{self, Denoiser, Quality};
 use renderflow_renderer::{Channels, RenderScene, Settings, render, render_gbuffer};
 use std::collections::BTreeMap;
@@ -131,7 +132,7 @@ impl<'a> Tracer<'a> {
             self.rates.insert(needs, [(seconds[0] - f64::from(PROBES[0]) * each).max(0.0), each]);
         }
         for tracing in tracings(methods) {
-            let frames = 1 + tracing.neighbours.of(buffer.index, self.sequence.len()).len();
+            let frames = 1 + tracing.others(buffer.index, self.sequence.len()).len();
             for spp in [1, CLEAN_GUIDES] {
                 let effort = effort(tracing, frames as u32 * camera_rays(spp));
                 let known = self.denoised.contains_key(&effort) || tracing.clean == Clean::Raw;
@@ -162,7 +163,7 @@ impl<'a> Tracer<'a> {
     ) -> Result<(Rgb, f64, u32)> {
         let Current { buffer, fused, cancel } = current;
         let needs = Needs::of(tracing);
-        let others = tracing.neighbours.of(buffer.index, self.sequence.len());
+        let others = tracing.others(buffer.index, self.sequence.len());
         let frames: Vec<usize> = std::iter::once(buffer.index).chain(others).collect();
         let mut keys = Vec::with_capacity(frames.len());
         for &index in &frames {
@@ -173,8 +174,8 @@ impl<'a> Tracer<'a> {
                 self.learn(needs, &traced);
                 self.traced.insert(key, traced);
             }
-            if let Some(traced) = self.traced.get_mut(&key) {
-                traced.carried |= tracing.neighbours != Neighbours::Alone;
+            if let Some(traced) = self.traced.get_mut(&key).filter(|_| tracing.neighbours != Neighbours::Alone) {
+                traced.carry(self.sequence.exposure())?;
             }
             keys.push(key);
         }
@@ -189,16 +190,15 @@ impl<'a> Tracer<'a> {
             let mut denoiser = key.and_then(|key| self.denoisers.remove(&key));
             let own = &self.traced[&keys[0]];
             let (others, gathering) = timed(|| Ok(self.carried(&keys)))?;
-            let others: Vec<(usize, Carried)> = keys[1..].iter().map(|key| key.0).zip(others).collect();
-            let drawn = network.traced(buffer, own, &others, tracing.keyframes, denoiser.as_mut());
-            let (seconds, spp) = (own.seconds, own.spp);
+            let drawn = network.traced(buffer, own, (&frames[1..], &others), tracing.keyframes, denoiser.as_mut());
+            let (seconds, spp) = (own.seconds + own.preparing(), own.spp);
             self.denoisers.extend(key.zip(denoiser));
             let (picture, drawing) = drawn?;
             self.denoised.entry((tracing.clean, true)).or_default().push(gathering + drawing);
             return Ok((picture, seconds + buffer.seconds + gathering + drawing, spp));
         }
         let own = &self.traced[&keys[0]];
-        let mut seconds = own.seconds;
+        let mut seconds = own.seconds + own.preparing();
         let carried;
         let (raw, guides) = if frames.len() > 1 {
             let (gathered, gathering) = timed(|| Ok(self.gather(&keys)))?;
@@ -228,7 +228,7 @@ impl<'a> Tracer<'a> {
     /// Forgets what frame `index` and later frames cannot use.
     pub fn forget_before(&mut self, index: usize) {
         let near = |other: usize| other + REACH >= index;
-        self.traced.retain(|(other, ..), traced| near(*other) && traced.carried);
+        self.traced.retain(|(other, ..), traced| near(*other) && traced.carried.is_some());
         self.surfaces.retain(|other, _| near(*other));
         self.counts.retain(|(_, other), _| near(*other));
     }
@@ -247,7 +247,7 @@ impl<'a> Tracer<'a> {
         if needs.surfaces {
             self.surfaces.entry(index).or_insert_with(|| surface(&frame));
         }
-        Ok(Traced { raw, alpha, guides: guides.filter(|_| needs.guides), spp, seconds, carried: false })
+        Ok(Traced { raw, alpha, guides: guides.filter(|_| needs.guides), spp, seconds, carried: None })
     }
 
     /// Finds the surfaces that the pixels' centres see in `frames`. Where samples did not record them, a G-buffer is made,
@@ -282,17 +282,10 @@ impl<'a> Tracer<'a> {
         }
         let index = keys[0].0;
         let current = &self.surfaces[&index];
+        let own = &self.traced[&keys[0]];
         let others = keys[1..].iter().map(|key| {
-            let there = &self.surfaces[&key.0];
             let movement = self.sequence.transforms.tracks.between(index, key.0);
-            let cameras = [index, key.0].map(|index| self.sequence.camera(index).camera_to_world.matrix3);
-            Carried {
-                samples: &self.traced[key],
-                source: warp::nearest(current, there, Some(&|id| movement.of(id))),
-                movement,
-                turn: cameras[0].inverse() * cameras[1],
-                to_world: cameras[1],
-            }
+            Carried::new(current, own, &self.surfaces[&key.0], &self.traced[key], movement)
         });
         others.collect()
     }
@@ -311,7 +304,7 @@ impl<'a> Tracer<'a> {
         if tracing.guides == Guides::GBuffer || tracing.clean.is_neural() {
             others += buffer.seconds;
         }
-        let frames = 1 + tracing.neighbours.of(index, self.sequence.len()).len() as u32;
+        let frames = 1 + tracing.others(index, self.sequence.len()).len() as u32;
         let clean = |spp: u32| effort(tracing, frames * camera_rays(spp)).1;
         let after = |clean: bool| usual(self.denoised.get(&(tracing.clean, clean))).unwrap_or(0.0) + others;
         let mut spp = affordable(budget - after(true), rate);
@@ -354,20 +347,6 @@ pub fn tracings(methods: &[Method]) -> impl Iterator<Item = &Tracing> {
 /// 1.
 fn affordable(seconds: f64, [start, each]: [f64; 2]) -> u32 {
     ((seconds - start) / each).floor().clamp(1.0, f64::from(MOST)) as u32
-}
-
-/// The part of a frame that is needed for carrying samples.
-fn surface(frame: &Frame) -> Frame {
-    Frame {
-        width: frame.width,
-        height: frame.height,
-        albedo: frame.albedo.clone(),
-        normal: frame.normal.clone(),
-        depth: frame.depth.clone(),
-        object_id: frame.object_id.clone(),
-        info: FrameInfo { camera: frame.info.camera, ..FrameInfo::default() },
-        ..Frame::default()
-    }
 }
 
 #[cfg(test)]
