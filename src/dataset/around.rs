@@ -9,11 +9,14 @@ use renderflow_frame::tracks::Movement;
 use renderflow_frame::{Camera, Environment, Frame, FrameInfo, warp};
 use renderflow_model::fusion::Record;
 use renderflow_model::fusion::batch::BEFORE;
-use renderflow_model::fusion::fill::{Samples, background};
+use renderflow_model::fusion::fill::{Nearby, Samples, background};
 use renderflow_model::fusion::record::NEIGHBOURS;
 
 /// Samples come from at most this many frames away.
 pub const REACH: usize = 8;
+
+/// Samples of a frame that is so many frames away count 1/e of what they hold.
+const FADING: f32 = 3.0;
 
 /// Which other frames' samples are used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
@@ -141,14 +144,27 @@ pub struct Carried<'a> {
 }
 
 impl<'a> Carried<'a> {
-    /// Carries `samples` of the frame `there` to the frame `current`, whose own samples are `own`. Both frames have the parts that
-    /// [`surface`] keeps. `movement` leads from the current frame to the other one.
-    pub fn new(current: &Frame, own: &Traced, there: &Frame, samples: &'a Traced, movement: Movement<'a>) -> Self {
+    /// Carries `samples` of the frame `there` to the frame `current`, whose own samples are `own`. Both frames have the parts
+    /// that [`surface`] keeps. `movement` leads from the current frame to the other one.
+    ///
+    /// The frames are `distance` frames apart. Farther samples count less. No pixel is met exactly, so what is finer than a pixel
+    /// blurs a little more with each frame that is added.
+    pub fn new(
+        (current, own): (&Frame, &Traced),
+        (there, samples): (&Frame, &'a Traced),
+        movement: Movement<'a>,
+        distance: usize,
+    ) -> Self {
         let cameras = [current, there].map(|frame| frame.info.camera.camera_to_world.matrix3);
         let motion = |id| movement.of(id);
         let source = warp::nearest(current, there, Some(&motion));
         let logarithms = own.logarithms().zip(samples.logarithms());
-        let share = logarithms.map(|(own, other)| warp::held(current, there, Some(&motion), &source, [own, other]));
+        let share = logarithms.map(|(own, other)| {
+            let mut held = warp::held(current, there, Some(&motion), &source, [own, other]);
+            let fading = (-(distance as f32) / FADING).exp();
+            held.pixels.iter_mut().for_each(|share| *share *= fading);
+            held
+        });
         Self { samples, source, share, movement, turn: cameras[0].inverse() * cameras[1], to_world: cameras[1] }
     }
 
@@ -201,6 +217,27 @@ pub fn offer<'a>(
         }
     }
     Ok(())
+}
+
+/// The noisy picture, the albedo and the normals of `record` for another denoiser, with the samples of `others`. The rest is as
+/// in [`offer`].
+///
+/// # Errors
+/// When samples have no guides.
+pub fn noisy<'a>(
+    record: &Record<f32>,
+    others: impl IntoIterator<Item = (usize, &'a Carried<'a>)>,
+    camera: impl Fn(usize) -> Camera,
+    (environment, exposure): (&Environment, f32),
+) -> Result<[Rgb; 3]> {
+    let others: Vec<(usize, &Carried)> = others.into_iter().collect();
+    let behind: Vec<Rgb> =
+        others.iter().map(|(there, carried)| background(&camera(*there), &carried.samples.alpha, environment)).collect();
+    let nearby = others.iter().zip(&behind).map(|((_, carried), behind)| {
+        let samples = carried.samples.samples(behind)?;
+        Ok(Nearby { samples, source: &carried.source, share: carried.share.as_ref() })
+    });
+    Ok(record.noisy_among(&nearby.collect::<Result<Vec<_>>>()?, exposure))
 }
 
 /// Means over a frame's own samples and the samples carried to it; every sample counts as far as it holds. `ids` are the objects

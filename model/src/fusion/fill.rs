@@ -24,6 +24,17 @@ pub struct Samples<'a> {
     pub spp: u32,
 }
 
+/// Samples of another frame, for [`Record::noisy_among`].
+#[derive(Clone, Copy, Debug)]
+pub struct Nearby<'a> {
+    /// The samples.
+    pub samples: Samples<'a>,
+    /// For each pixel of the record, the index of its pixel in that frame.
+    pub source: &'a Image<Option<u32>>,
+    /// For each pixel of the record, how far the samples hold, 0..=1; all of them do if there is none.
+    pub share: Option<&'a Image<f32>>,
+}
+
 impl<'a> Samples<'a> {
     /// The samples of a path-traced frame, or `None` if it has no samples or no guides.
     pub fn of(frame: &'a Frame, background: &'a Rgb) -> Option<Self> {
@@ -158,14 +169,44 @@ impl Record<f32> {
     /// samples, including those of neighbours. Samples are multiplied by the reflectance of this frame's pixel, so edges are a
     /// little cleaner than they were.
     pub fn noisy(&self, selection: &Selection, exposure: f32) -> [Rgb; 3] {
+        self.joined(selection, exposure, |_, _, pixel| {
+            pixel.others.iter().fold([0.0; 4], |sum, other| std::array::from_fn(|c| sum[c] + other[c]))
+        })
+    }
+
+    /// As [`Self::noisy`] with all samples of the frame itself, but with those of `others` in place of the record's neighbours.
+    pub fn noisy_among(&self, others: &[Nearby], exposure: f32) -> [Rgb; 3] {
+        self.joined(&Selection::all(self), exposure, |i, stored, _| {
+            others.iter().fold([0.0; 4], |sum, other| {
+                let weight = other.share.map_or(1.0, |share| share.pixels[i]) * other.samples.spp as f32;
+                match other.source.pixels[i].filter(|_| weight > 0.0) {
+                    Some(there) => {
+                        let carried = other.samples.at(there as usize, stored, exposure);
+                        std::array::from_fn(|c| sum[c] + weight * carried[c])
+                    }
+                    None => sum,
+                }
+            })
+        })
+    }
+
+    /// The pictures of [`Self::noisy`]. `others` adds up the samples of other frames for a pixel, from its index, its numbers and
+    /// its inputs.
+    fn joined(
+        &self,
+        selection: &Selection,
+        exposure: f32,
+        others: impl Fn(usize, &[f32], &PixelInputs) -> [f32; 4] + Sync,
+    ) -> [Rgb; 3] {
         let mut pictures = [(); 3].map(|()| Rgb::filled(self.width, self.height, [0.0; 3]));
         let [colors, albedos, normals] = &mut pictures;
         let row = self.width.max(1);
         let guides = albedos.pixels.par_iter_mut().zip(&mut normals.pixels);
         let stored = self.pixels.par_chunks_exact(at::COUNT).with_min_len(row);
-        stored.zip(&mut colors.pixels).zip(guides).for_each(|((stored, color), (albedo, normal))| {
+        stored.zip(&mut colors.pixels).zip(guides).enumerate().for_each(|(i, ((stored, color), (albedo, normal)))| {
             let pixel = PixelInputs::new(stored, selection);
-            let sum = pixel.others.iter().fold(pixel.own, |sum, other| std::array::from_fn(|c| sum[c] + other[c]));
+            let others = others(i, stored, &pixel);
+            let sum: [f32; 4] = std::array::from_fn(|c| pixel.own[c] + others[c]);
             // The coverage of the pixel in its own samples.
             let covered = (pixel.own[3] / selection.spp.max(1.0)).clamp(0.0, 1.0);
             let scale = if sum[3] > 0.0 { covered / sum[3] } else { 0.0 };
@@ -270,6 +311,20 @@ mod tests {
                 assert!((color.pixels[5][c] - expected).abs() < 1e-5, "{} and {expected}", color.pixels[5][c]);
             }
             assert_eq!((albedo.pixels[5], normal.pixels[5]), ([0.25, 0.125, 0.0625], [0.0; 3]));
+        }
+        // The same from the samples themselves, in another pixel, and with a third of them where only as many hold.
+        let flat = |value: f32| Rgb::filled(2, 1, [value; 3]);
+        let (mut raw, albedo, behind) = (flat(0.0), Rgb::filled(2, 1, [0.5, 0.25, 0.125]), flat(0.0));
+        raw.pixels[1] = [0.52, 0.27, 0.145].map(|tint| 6.0 * tint / 4.0);
+        let alpha = Image::filled(2, 1, 1.0);
+        let samples = Samples { raw: &raw, alpha: &alpha, albedo: &albedo, background: &behind, spp: 6 };
+        let source = Image::filled(4, 2, Some(1));
+        let shares = [1.0, 1.0 / 3.0, 0.0].map(|share| Image::filled(4, 2, share));
+        let given = [None, Some(&shares[0]), Some(&shares[1]), Some(&shares[2])];
+        for (share, held) in given.into_iter().zip([6.0, 6.0, 2.0, 0.0]) {
+            let [color, ..] = record.noisy_among(&[Nearby { samples, source: &source, share }], 4.0);
+            let expected = (0.5 * (2.0 + 6.0 * held) / (1.0 + held) * 0.52 + 0.5) / 4.0;
+            assert!((color.pixels[5][0] - expected).abs() < 1e-5, "{held}: {} and {expected}", color.pixels[5][0]);
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Denoises the frames of a sequence with samples of the frames around them, after all of them are rendered.
 
-use super::clean::Nearby;
+use super::clean::Around;
 use super::{Cost, OpenSequence, TruthSettings, tracks};
 use crate::dataset::around::{Carried, Neighbours, REACH, Traced, surface};
 use crate::util::cancel::Cancel;
@@ -30,8 +30,8 @@ impl OpenSequence<'_> {
     /// rendered. Does nothing, and returns `None`, where the frame is denoised already.
     ///
     /// # Errors
-    /// When stopped ([`Interrupted`](crate::util::cancel::Interrupted)), when a frame cannot be read or denoised, or when the file
-    /// cannot be written.
+    /// When stopped ([`Interrupted`](crate::util::cancel::Interrupted)), when a frame cannot be read or denoised, or when the
+    /// file cannot be written.
     pub fn denoise(
         &mut self,
         index: usize,
@@ -59,15 +59,16 @@ impl OpenSequence<'_> {
         let (current, own) = &window.frames[&index];
         let carry = |&there: &usize| {
             let (surface, samples) = &window.frames[&there];
-            (there, Carried::new(current, own, surface, samples, tracks.between(index, there)))
+            let movement = tracks.between(index, there);
+            (there, Carried::new((current, own), (surface, samples), movement, there.abs_diff(index)))
         };
         let others: Vec<(usize, Carried)> = others.iter().map(carry).collect();
         self.compile(settings)?;
         let scene = self.compiled.as_mut().context("the scene is not compiled")?;
         scene.set_frame(numbers[index]);
         let cameras: Vec<_> = numbers.iter().map(|&number| self.loaded.cameras[number]).collect();
-        let nearby = Nearby { index, own, others: &others, cameras: &cameras };
-        frame.beauty = Some(denoiser.clean(scene, &frame, Some(nearby), &settings.render, cancel)?);
+        let around = Around { index, own, others: &others, cameras: &cameras };
+        frame.beauty = Some(denoiser.clean(scene, &frame, Some(around), &settings.render, cancel)?);
         frame.info.denoiser = settings.denoiser_name();
         let denoise = started.elapsed().as_secs_f64();
         let cost = self.write(numbers[index], &frame)?;

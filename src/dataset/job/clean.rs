@@ -1,6 +1,6 @@
 //! Denoises path-traced pictures, by OIDN or by the network inside the program.
 
-use crate::dataset::around::{Carried, Traced, add_up, offer};
+use crate::dataset::around::{Carried, Traced, add_up, noisy, offer};
 use crate::dataset::denoise::Denoise;
 use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::device;
@@ -125,7 +125,7 @@ impl Cleaner {
         Ok(())
     }
 
-    /// Denoises `frame`, at which `scene` stands, with what is `nearby`.
+    /// Denoises `frame`, at which `scene` stands, with the samples of the frames `around`.
     ///
     /// # Errors
     /// When stopped ([`Interrupted`]), when the denoiser fails, or when the frame has no samples.
@@ -133,13 +133,13 @@ impl Cleaner {
         &self,
         scene: &RenderScene,
         frame: &Frame,
-        nearby: Option<Nearby>,
+        around: Option<Around>,
         settings: &Settings,
         cancel: &Cancel,
     ) -> Result<Rgb> {
         match self {
             Self::Oidn(denoiser) => {
-                if let Some(Nearby { own, others, .. }) = nearby {
+                if let Some(Around { own, others, .. }) = around {
                     let (raw, guides) = add_up(own, others.iter().map(|(_, other)| other), &frame.object_id);
                     let [albedo, normal] = guides.as_ref().map_or([None; 2], |[albedo, normal]| [Some(albedo), Some(normal)]);
                     return denoise(denoiser, &raw, [albedo, normal], cancel);
@@ -155,7 +155,7 @@ impl Cleaner {
                 let gbuffer = few.then(|| render_gbuffer_until(scene, &usual, cancel)).transpose();
                 cancel.check()?;
                 let gbuffer = gbuffer?;
-                fuse(network, oidn.as_ref(), scene, [frame, gbuffer.as_ref().unwrap_or(frame)], nearby, cancel)
+                fuse(network, oidn.as_ref(), scene, [frame, gbuffer.as_ref().unwrap_or(frame)], around, cancel)
             }
         }
     }
@@ -163,7 +163,7 @@ impl Cleaner {
 
 /// Samples of the frames around the one that is denoised.
 #[derive(Clone, Copy)]
-pub struct Nearby<'a> {
+pub struct Around<'a> {
     /// Place of the frame in the sequence.
     pub index: usize,
     /// Its own samples.
@@ -174,8 +174,8 @@ pub struct Nearby<'a> {
     pub cameras: &'a [Camera],
 }
 
-/// The picture that the network makes of `samples`, a path-traced frame, with the G-buffer of `guides`, and with what is `nearby`.
-/// `scene` stands at both.
+/// The picture that the network makes of `samples`, a path-traced frame, with the G-buffer of `guides`, and with the samples of
+/// the frames `around`. `scene` stands at the frame.
 ///
 /// # Errors
 /// When stopped ([`Interrupted`]), when a denoiser fails, or when the frame has no samples.
@@ -184,7 +184,7 @@ pub fn fuse(
     oidn: Option<&Mutex<Denoiser>>,
     scene: &RenderScene,
     [samples, guides]: [&Frame; 2],
-    nearby: Option<Nearby>,
+    around: Option<Around>,
     cancel: &Cancel,
 ) -> Result<Rgb> {
     let (camera, light, exposure) = (scene.camera(), scene.light(), scene.exposure());
@@ -193,16 +193,18 @@ pub fn fuse(
     record.add_environment(&shading, exposure);
     let behind = background(camera, &samples.alpha, &light.environment);
     record.add_part(0, &Samples::of(samples, &behind).context("samples without guides")?, exposure);
-    if let Some(Nearby { index, others, cameras, .. }) = nearby {
+    if let Some(Around { index, others, cameras, .. }) = around {
         let near = others.iter().map(|(there, other)| (*there, other));
         offer(&mut record, index, near, |there| cameras[there], (&light.environment, exposure))?;
     }
     if let Some(oidn) = oidn {
-        let [mut color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
-        if let Some(Nearby { own, others, .. }) = nearby {
-            // More frames than the network has places for, each as far as it holds.
-            color = add_up(own, others.iter().map(|(_, other)| other), &samples.object_id).0;
-        }
+        let [color, albedo, normal] = match around {
+            Some(Around { others, cameras, .. }) => {
+                let near = others.iter().map(|(there, other)| (*there, other));
+                noisy(&record, near, |there| cameras[there], (&light.environment, exposure))?
+            }
+            None => record.noisy(&Selection::all(&record), exposure),
+        };
         record.add_denoised(0, &denoise(oidn, &color, [Some(&albedo), Some(&normal)], cancel)?, exposure);
     }
     cancel.check()?;

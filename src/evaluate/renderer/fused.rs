@@ -1,7 +1,7 @@
 //! The network that reads samples on one sequence: fills the network's input for each frame, and measures the seconds.
 
 use super::Buffer;
-use crate::dataset::around::{Carried, Traced, add_up, offer};
+use crate::dataset::around::{Carried, Traced, noisy, offer};
 use crate::dataset::{Sequence, keyframes};
 use crate::util::clock::timed;
 use anyhow::Result;
@@ -77,11 +77,13 @@ impl<'a> Fused<'a> {
                 self.carry(&mut record, buffer, None);
             }
             if let Some(denoiser) = denoiser {
-                let [mut color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
-                if !others.is_empty() {
-                    // More frames than the network has places for, each as far as it holds.
-                    color = add_up(own, others, &buffer.frame.object_id).0;
-                }
+                // With others, these are more frames than the network has places for, each as far as it holds.
+                let [color, albedo, normal] = if others.is_empty() {
+                    record.noisy(&Selection::all(&record), exposure)
+                } else {
+                    let near = places.iter().copied().zip(others);
+                    noisy(&record, near, |there| *sequence.camera(there), (environment, exposure))?
+                };
                 record.add_denoised(0, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);
             }
             self.draw(&record)

@@ -285,7 +285,7 @@ impl<'a> Tracer<'a> {
         let own = &self.traced[&keys[0]];
         let others = keys[1..].iter().map(|key| {
             let movement = self.sequence.transforms.tracks.between(index, key.0);
-            Carried::new(current, own, &self.surfaces[&key.0], &self.traced[key], movement)
+            Carried::new((current, own), (&self.surfaces[&key.0], &self.traced[key]), movement, key.0.abs_diff(index))
         });
         others.collect()
     }

@@ -18,8 +18,8 @@ const LEAST_ROUGHNESS: f32 = 0.05;
 /// Angle, in radians, that is added to the width of every lobe.
 const SHARPEST: f32 = 0.003;
 
-/// The logarithms that [`held`] compares, of scene-linear radiance. `exposure` is the sequence's factor to display-linear. What is
-/// below 0 counts as 0; NaN and infinity stay what they are.
+/// The logarithms that [`held`] compares, of scene-linear radiance. `exposure` is the sequence's factor to display-linear. What
+/// is below 0 counts as 0; NaN and infinity stay what they are.
 pub fn logarithms(picture: &Rgb, exposure: f32) -> Rgb {
     let scale = log_scale(exposure);
     let pixels =
