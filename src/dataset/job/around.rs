@@ -99,7 +99,7 @@ impl TruthSettings {
         let pixels = u64::from(size[0]) * u64::from(size[1]);
         let needed = pixels.saturating_mul(HELD * most as u64).saturating_add(self.denoising(pixels)[0]);
         let ways = "a smaller resolution, or no neighbours, takes less";
-        machine::ensure_memory(&format!("{most} frames that are denoised together"), needed, ways)
+        machine::ensure_memory(&format!("denoising {most} frames together"), needed, ways)
     }
 
     /// The same, but frames are denoised with samples of the frames around them, by [`OpenSequence::denoise`] once all frames are
