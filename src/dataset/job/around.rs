@@ -13,7 +13,8 @@ use renderflow_frame::tracks::Tracks;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-/// Bytes of a pixel of a frame that others use: the picture and its logarithms, coverage, two guides, and the surface.
+/// Bytes of a pixel of a frame that others use: the picture and its logarithms, coverage, two guides, the surface, and where its
+/// samples go with which share.
 const HELD: u64 = 128;
 
 /// The frames that are at hand while a sequence is denoised.
@@ -104,6 +105,9 @@ impl TruthSettings {
 
     /// The same, but frames are denoised with samples of the frames around them, by [`OpenSequence::denoise`] once all frames are
     /// rendered. `frames` is the number of frames. Without a denoiser nothing changes.
+    ///
+    /// # Errors
+    /// When the denoiser is not found.
     pub fn with_neighbours(mut self, neighbours: Neighbours, frames: usize) -> Result<Self> {
         if let Some(denoiser) = &mut self.denoiser {
             self.neighbours = neighbours;
