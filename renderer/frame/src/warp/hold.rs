@@ -30,7 +30,8 @@ pub fn logarithms(picture: &Rgb, exposure: f32) -> Rgb {
 /// How far the samples of `other` hold for each pixel of `current`, 0..=1; 0 where `sources` ([`super::nearest`]) has none.
 ///
 /// Two things speak against them. The lobe that mirrors light is seen from elsewhere: if the mirrored direction turns by more
-/// than the width of the lobe, then the mirrored share of the light is another. And the samples differ: `logarithms`
+/// than the width of the lobe (the square of the roughness, as in GGX, plus 0.003 radians), then the mirrored share of the light,
+/// by Schlick's reflectance (1994), is another. And the samples differ: `logarithms`
 /// ([`logarithms`]) of the noisy pictures of `current` and of `other`, with equally many samples a pixel, have another mean
 /// around the pixel. `object_motion` is as in [`super::correspond`], from `current` to `other`.
 ///
