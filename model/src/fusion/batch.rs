@@ -236,12 +236,15 @@ impl Batch {
         rows.into_par_iter().enumerate().for_each(|(pair, (pixels, truth, input))| {
             let mut stored = [0.0; at::COUNT];
             let mut read = Vec::with_capacity(channels);
+            let changed = *augmentation != Augmentation::NONE;
             for i in 0..2 * width {
                 let (column, row) = (i % width, i / width);
                 let source = x + if augmentation.mirror { width - 1 - column } else { column };
                 let (source, line) = (source.min(record.width - 1), (y + 2 * pair + row).min(record.height - 1));
                 T::read(&record.pixels[(line * record.width + source) * at::COUNT..][..at::COUNT], &mut stored);
-                augmentation.apply(&mut stored);
+                if changed {
+                    augmentation.apply(&mut stored);
+                }
                 pixels[i] = PixelInputs::new(&stored, selection);
                 truth[i] = [stored[at::TRUTH], stored[at::TRUTH + 1], stored[at::TRUTH + 2]];
                 read.clear();

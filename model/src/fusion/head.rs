@@ -176,7 +176,7 @@ impl Picture<'_> {
         let (logits, factors) = (&outputs[..CANDIDATES], &outputs[CANDIDATES..CANDIDATES + TERMS]);
         let mut mix = Mix {
             weights: [f32::NEG_INFINITY; MIXED],
-            factors: exp(std::array::from_fn(|term| factors[term].clamp(-MOST, MOST))),
+            factors: [1.0; TERMS],
             candidates: [[0.0; 3]; MIXED],
             shine: 0.0,
             scales: [0.0; SCALES],
@@ -204,6 +204,7 @@ impl Picture<'_> {
             }
         }
         if self.groups.deferred {
+            mix.factors = exp(std::array::from_fn(|term| factors[term].clamp(-MOST, MOST)));
             for (term, factor) in pixel.terms.iter().zip(mix.factors) {
                 (0..3).for_each(|c| mix.candidates[1 + KEYS][c] += term[c] * factor);
             }
@@ -458,12 +459,14 @@ fn weights(kernel: &[f32]) -> [f32; PADDED] {
 /// The quotient of the weighted sums around pixel `i`, and the weighted coverage that it was divided by.
 fn filter(scale: &Scale, i: usize, kernel: &[f32]) -> [f32; 4] {
     let weights = weights(kernel);
-    let mut sum = [0.0; 4];
-    for (tap, at, count) in rows(scale, i) {
+    // A sum for each row, so that none waits for another.
+    let mut sums = [[0.0; 4]; SIDE];
+    for (sum, (tap, at, count)) in sums.iter_mut().zip(rows(scale, i)) {
         for (weight, there) in weights[tap..tap + count].iter().zip(&scale.merged[at..at + count]) {
             (0..4).for_each(|c| sum[c] += weight * there[c]);
         }
     }
+    let sum: [f32; 4] = std::array::from_fn(|c| sums.iter().map(|sum| sum[c]).sum());
     if sum[3] > NOTHING { [sum[0] / sum[3], sum[1] / sum[3], sum[2] / sum[3], sum[3]] } else { [0.0; 4] }
 }
 

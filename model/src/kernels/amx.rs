@@ -146,10 +146,6 @@ impl Tile for AmxBf16 {
     const FACTORS: usize = 2;
     const DEPTH: usize = SIDE;
 
-    fn cell(at: impl Fn(usize) -> f32) -> f32 {
-        Avx512Bf16::cell(at)
-    }
-
     fn cells(self, values: &[f32]) -> Cow<'_, [f32]> {
         self.vectors.cells(values)
     }

@@ -95,12 +95,26 @@ pub struct Weights<'a> {
 }
 
 impl Weights<'_> {
-    /// Weight of kernel element `tap` from channel `from` of the source to channel `to` of the output.
-    #[inline(always)]
-    fn at(&self, tap: usize, from: usize, to: usize) -> f32 {
-        let (input, output) = if self.transposed { (to, from) } else { (from, to) };
-        self.values[(tap * self.inputs + input) * self.outputs + output]
+    /// Sums of the weights of the kernel elements `taps`, of which there is at least one, from channel `from` of the source to
+    /// channel `to` of the output and to those after it.
+    fn sum(&self, taps: &[usize], from: usize, to: usize, sums: &mut [f32]) {
+        let Self { values, inputs, outputs, .. } = *self;
+        for (n, tap) in taps.iter().enumerate() {
+            if self.transposed {
+                let column = values[(tap * inputs + to) * outputs + from..].iter().step_by(outputs);
+                add(n == 0, sums, column);
+            } else {
+                add(n == 0, sums, &values[(tap * inputs + from) * outputs + to..][..sums.len()]);
+            }
+        }
     }
+}
+
+/// Adds `values` to `sums`, or begins the sums with them.
+#[inline(always)]
+fn add<'a>(begin: bool, sums: &mut [f32], values: impl IntoIterator<Item = &'a f32>) {
+    let pairs = sums.iter_mut().zip(values);
+    if begin { pairs.for_each(|(sum, value)| *sum = *value) } else { pairs.for_each(|(sum, value)| *sum += value) }
 }
 
 /// The last operation on an output pixel.
@@ -131,7 +145,7 @@ struct Packed {
     values: Vec<f32>,
 }
 
-fn pack<T: Tile>(sources: &[Source], weights: Weights, outputs: usize, wide: usize, py: usize, px: usize) -> Packed {
+fn pack<T: Tile>(tile: T, sources: &[Source], weights: Weights, outputs: usize, wide: usize, py: usize, px: usize) -> Packed {
     let (mut terms, mut summed, mut block) = (vec![], vec![], 0);
     for (index, source) in sources.iter().enumerate() {
         for &(dy, rows) in source.lattice.taps[py] {
@@ -147,14 +161,19 @@ fn pack<T: Tile>(sources: &[Source], weights: Weights, outputs: usize, wide: usi
     if block > 0 {
         values.par_chunks_mut(block).enumerate().for_each(|(i, values)| {
             let columns = wide.min(outputs - i * wide);
+            // The weights of one input channel for these outputs, for each factor of a cell.
+            let mut sums = vec![0.0; T::FACTORS * columns];
             for (term, list) in terms.iter().zip(&summed) {
                 let source = &sources[term.source];
+                let first = source.onto + i * wide;
                 for (k, row) in values[term.start..][..source.size.channels * wide].chunks_exact_mut(wide).enumerate() {
-                    for (j, value) in row[..columns].iter_mut().enumerate() {
-                        *value = T::cell(|factor| {
-                            let from = (source.first + k) * T::FACTORS + factor;
-                            list.iter().map(|&tap| weights.at(tap, from, source.onto + i * wide + j)).sum()
-                        });
+                    for (factor, sums) in sums.chunks_exact_mut(columns).enumerate() {
+                        let from = (source.first + k) * T::FACTORS + factor;
+                        weights.sum(list, from, first, sums);
+                    }
+                    match sums.split_at(columns) {
+                        (sums, []) => row[..columns].copy_from_slice(sums),
+                        (first, second) => tile.pair(first, second, &mut row[..columns]),
                     }
                 }
             }
@@ -256,7 +275,7 @@ pub fn gather<T: Tile>(
 ) -> (Vec<f32>, Option<Vec<f32>>) {
     let (n, wide, spread) = (out.channels, 2 * T::LANES, sources[0].lattice.spread);
     let packed: Vec<Packed> =
-        (0..spread * spread).map(|p| pack::<T>(sources, weights, n, wide, p / spread, p % spread)).collect();
+        (0..spread * spread).map(|p| pack(tile, sources, weights, n, wide, p / spread, p % spread)).collect();
     let mut padded_bias = vec![0.0; n.next_multiple_of(wide)];
     padded_bias[..bias.len()].copy_from_slice(bias);
 

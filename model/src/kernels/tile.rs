@@ -82,11 +82,6 @@ pub trait Tile: Copy + Send + Sync {
     /// Cells that are multiplied together. Terms have `a_step` 1 if it is more than 1, and zeros in `b` up to a multiple of it.
     const DEPTH: usize = 1;
 
-    /// The cell of the factors `at(0)..at(FACTORS)`.
-    fn cell(at: impl Fn(usize) -> f32) -> f32 {
-        at(0)
-    }
-
     /// Cells of factors that follow one another.
     fn cells(self, values: &[f32]) -> Cow<'_, [f32]> {
         Cow::Borrowed(values)

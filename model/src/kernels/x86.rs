@@ -209,10 +209,6 @@ instruction_set!(
     {
         const FACTORS: usize = 2;
 
-        fn cell(at: impl Fn(usize) -> f32) -> f32 {
-            tile::paired(at(0), at(1))
-        }
-
         fn cells(self, values: &[f32]) -> Cow<'_, [f32]> {
             const CHUNK: usize = 1 << 13;
             let write = |(): &mut (), i: usize, cells: &mut [f32]| {
