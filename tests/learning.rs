@@ -7,7 +7,8 @@ use renderflow::dataset::learning::{Kept, Planned, Recipe};
 use renderflow::dataset::plan::Plan;
 use renderflow::util::cancel::Cancel;
 use renderflow_model::fusion::Record;
-use renderflow_model::fusion::record::at;
+use renderflow_model::fusion::record::{ALL_BEFORE, AROUND, at};
+use renderflow_renderer::denoise::Denoiser;
 use std::num::NonZeroU64;
 use std::path::Path;
 
@@ -85,6 +86,34 @@ fn sequences_are_bare_or_full_small_or_large_and_may_be_passed_over() {
     assert!(of(0, 0)[2].pixels == of(0, 2)[2].pixels && of(0, 0)[2].pixels != of(0, 1)[2].pixels);
     assert!(of(1, 0)[2].pixels == of(0, 1)[2].pixels);
     assert_eq!(common::files(&kept).len(), 2);
+}
+
+/// OIDN's pictures with the samples of frames before are nearer to the truth than its pictures of the frame's own samples, and
+/// those with frames after as well are nearer still.
+#[test]
+fn frames_around_bring_pictures_nearer_to_the_truth() {
+    if Denoiser::new().is_err() {
+        return println!("skipped: OIDN is not found");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (plan, cancel) = (tiny_plan(folder.path()), Cancel::default());
+    let recipe = Recipe { truth_spp: 64, frames: 2, samples: Some([1; 4]), ..Recipe::default() };
+    let planned = Planned::new(&plan, [0, 3], recipe, &cancel);
+    let mut errors = [0.0; 3];
+    for i in 0..3 {
+        for record in &planned.records(i).unwrap()[2..] {
+            assert!([0, AROUND, ALL_BEFORE].iter().all(|place| record.denoised[*place]));
+            for pixel in record.pixels.chunks_exact(at::COUNT) {
+                let curve = |from: usize| [0, 1, 2].map(|c| pixel[from + c].ln_1p());
+                let truth = curve(at::TRUTH);
+                for (error, place) in errors.iter_mut().zip([AROUND, ALL_BEFORE, 0]) {
+                    let drawn = curve(at::DENOISED + 3 * place);
+                    *error += (0..3).map(|c| (drawn[c] - truth[c]).powi(2)).sum::<f32>();
+                }
+            }
+        }
+    }
+    assert!(errors.is_sorted_by(|a, b| a < b), "{errors:?}");
 }
 
 /// A bare sequence under other lights: the surfaces stay, and everything that light makes changes. Its own light comes first.

@@ -10,7 +10,7 @@ use renderflow_frame::{Camera, Environment, Frame, FrameInfo, warp};
 use renderflow_model::fusion::Record;
 use renderflow_model::fusion::batch::BEFORE;
 use renderflow_model::fusion::fill::{Nearby, Samples, background};
-use renderflow_model::fusion::record::NEIGHBOURS;
+use renderflow_model::fusion::record::{NEIGHBOURS, Selection};
 
 /// Samples come from at most this many frames away.
 pub const REACH: usize = 8;
@@ -98,6 +98,19 @@ pub struct Ready {
 }
 
 impl Traced {
+    /// The samples of a path-traced frame, or its picture if it has no others, ready to be carried. `exposure` is the sequence's
+    /// factor to display-linear.
+    ///
+    /// # Errors
+    /// When the frame has no picture.
+    pub fn of(mut frame: Frame, exposure: f32) -> Result<Self> {
+        let raw = frame.raw.take().or(frame.beauty.take()).context("a frame has no picture")?;
+        let guides = frame.guide_albedo.take().zip(frame.guide_normal.take()).map(|(albedo, normal)| [albedo, normal]);
+        let mut traced = Self { raw, alpha: frame.alpha, guides, spp: frame.info.spp, seconds: 0.0, carried: None };
+        traced.carry(exposure)?;
+        Ok(traced)
+    }
+
     /// Prepares the samples for nearby frames. `exposure` is the sequence's factor to display-linear.
     pub fn carry(&mut self, exposure: f32) -> Result<()> {
         if self.carried.is_none() {
@@ -219,13 +232,13 @@ pub fn offer<'a>(
     Ok(())
 }
 
-/// The noisy picture, the albedo and the normals of `record` for another denoiser, with the samples of `others`. The rest is as
-/// in [`offer`].
+/// The noisy picture, the albedo and the normals for another denoiser, with the `selection` of `record` and the samples of
+/// `others`. The rest is as in [`offer`].
 ///
 /// # Errors
 /// When samples have no guides.
 pub fn noisy<'a>(
-    record: &Record<f32>,
+    (record, selection): (&Record<f32>, &Selection),
     others: impl IntoIterator<Item = (usize, &'a Carried<'a>)>,
     camera: impl Fn(usize) -> Camera,
     (environment, exposure): (&Environment, f32),
@@ -237,7 +250,7 @@ pub fn noisy<'a>(
         let samples = carried.samples.samples(behind)?;
         Ok(Nearby { samples, source: &carried.source, share: carried.share.as_ref() })
     });
-    Ok(record.noisy_among(&nearby.collect::<Result<Vec<_>>>()?, exposure))
+    Ok(record.noisy_among(selection, &nearby.collect::<Result<Vec<_>>>()?, exposure))
 }
 
 /// Means over a frame's own samples and the samples carried to it; every sample counts as far as it holds. `ids` are the objects

@@ -7,6 +7,7 @@ mod relit;
 pub use kept::Kept;
 
 use crate::dataset::Dataset;
+use crate::dataset::around::{Carried, Neighbours, REACH, Traced, noisy, offer, surface};
 use crate::dataset::plan::Plan;
 use crate::util::cancel::Cancel;
 use anyhow::{Context, Result, ensure};
@@ -19,12 +20,12 @@ use renderflow_frame::frame::LIGHT_GROUPS;
 use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
-use renderflow_frame::warp::{self, Keyframe, Neighbour};
+use renderflow_frame::warp::{Keyframe, Neighbour};
 use renderflow_model::data::step_rng;
+use renderflow_model::fusion::Record;
 use renderflow_model::fusion::fill::{Samples, background};
-use renderflow_model::fusion::record::{self, ALL_BEFORE, AROUND, NEIGHBOURS, PARTS, PICTURES};
+use renderflow_model::fusion::record::{ALL_BEFORE, AROUND, Groups, PARTS, PICTURES, Selection};
 use renderflow_model::fusion::training::Source;
-use renderflow_model::fusion::{Record, batch::BEFORE};
 use renderflow_renderer::deferred::{self, Deferred, Options, ShadowTiles};
 use renderflow_renderer::denoise::{self, Denoiser, Quality};
 use renderflow_renderer::{Channels, RenderScene, Settings, render, render_gbuffer};
@@ -375,26 +376,43 @@ impl<'a> Maker<'a> {
             let record = records[0].last_mut().context("the record of the frame")?;
             let alone = ibl::shade(&gbuffer, &light);
             record.add_environment(&alone, exposure);
-            // Truth, samples and neighbours use different random numbers.
+            // Truth and samples use different random numbers.
             let samples = self.samples(seed, number);
-            for (part, spp) in samples.into_iter().enumerate() {
+            let trace = |scene: &mut RenderScene, part: usize, surfaces: bool| {
                 scene.reseed(loaded.seed.wrapping_add(1 + part as u64));
-                let traced = self.trace(&scene, spp, false)?;
+                self.trace(scene, samples[part], surfaces)
+            };
+            for part in 1..PARTS {
+                let traced = trace(&mut scene, part, false)?;
                 let behind = background(scene.camera(), &traced.alpha, &light.environment);
                 record.add_part(part, &Samples::of(&traced, &behind).context("samples")?, exposure);
             }
-            for n in 0..NEIGHBOURS {
-                let distance = (n % BEFORE + 1) as isize * if n < BEFORE { -1 } else { 1 };
-                let Some(other) = number.checked_add_signed(distance).filter(|other| *other < frames) else { continue };
-                scene.reseed(loaded.seed.wrapping_add(1 + (n % PARTS) as u64));
+            let own = Traced::of(trace(&mut scene, 0, false)?, exposure)?;
+            let behind = background(scene.camera(), &own.alpha, &light.environment);
+            record.add_part(0, &own.samples(&behind)?, exposure);
+            // The frames around have as many samples as the first part.
+            let near = |&other: &usize| -> Result<(usize, Frame, Traced)> {
                 scene.set_frame(other);
-                let traced = self.trace(&scene, samples[0], true)?;
-                let behind = background(scene.camera(), &traced.alpha, &light.environment);
-                let movement = tracks.between(number, other);
-                let source = warp::nearest(&gbuffer, &traced, Some(&|id| movement.of(id)));
-                record.add_neighbour(n, &Samples::of(&traced, &behind).context("samples")?, &source, exposure);
-            }
-            self.add_denoised(record, seed.child("denoised", number as u64), exposure)?;
+                let traced = trace(&mut scene, 0, true)?;
+                Ok((other, surface(&traced), Traced::of(traced, exposure)?))
+            };
+            let near = Neighbours::Around.of(REACH, number, frames).iter().map(near).collect::<Result<Vec<_>>>()?;
+            let current = surface(&gbuffer);
+            let others: Vec<(usize, Carried)> = near
+                .iter()
+                .map(|(other, surface, traced)| {
+                    let movement = tracks.between(number, *other);
+                    (*other, Carried::new((&current, &own), (surface, traced), movement, other.abs_diff(number)))
+                })
+                .collect();
+            let camera = |there: usize| loaded.cameras[there];
+            let each = || others.iter().map(|(there, carried)| (*there, carried));
+            offer(record, number, each(), camera, (&light.environment, exposure))?;
+            let seed = seed.child("denoised", number as u64);
+            self.add_denoised(record, seed, exposure, |record, selection, before| {
+                let others = each().filter(|(there, _)| !before || *there < number);
+                noisy((record, selection), others, camera, (&light.environment, exposure))
+            })?;
             scene.reseed(loaded.seed);
         }
         Ok(records.into_iter().flatten().collect())
@@ -455,24 +473,30 @@ impl<'a> Maker<'a> {
         })
     }
 
-    /// Adds OIDN's picture of each part alone, and of the first part with its neighbours.
-    fn add_denoised(&self, record: &mut Record<f32>, seed: Seed, exposure: f32) -> Result<()> {
+    /// Adds OIDN's picture of each part alone, and of the first part with the samples of the frames around it and of those before
+    /// it. `among` joins the selected samples with those of the frames around, or only with those before.
+    fn add_denoised(
+        &self,
+        record: &mut Record<f32>,
+        seed: Seed,
+        exposure: f32,
+        among: impl Fn(&Record<f32>, &Selection, bool) -> Result<[Rgb; 3]>,
+    ) -> Result<()> {
         let Some(denoisers) = &self.denoisers else { return Ok(()) };
-        let all = record::Selection::all(record);
+        let all = Selection::all(record);
         for place in 0..PICTURES {
             if place >= PARTS && !all.groups.neighbours {
                 break;
             }
             let part = if place < PARTS { place } else { 0 };
-            let neighbours = std::array::from_fn(|n| match place {
-                AROUND => all.neighbours[n],
-                ALL_BEFORE if n < BEFORE => all.neighbours[n],
-                _ => 0.0,
-            });
-            let groups = record::Groups { neighbours: neighbours.iter().any(|spp| *spp > 0.0), ..all.groups };
+            let groups = Groups { neighbours: false, ..all.groups };
             let parts = std::array::from_fn(|other| other == part);
-            let selection = record::Selection { groups, parts, spp: record.parts[part] as f32, neighbours, ..all };
-            let [color, albedo, normal] = record.noisy(&selection, exposure);
+            let selection = Selection { groups, parts, spp: record.parts[part] as f32, ..all };
+            let [color, albedo, normal] = match place {
+                AROUND => among(record, &selection, false)?,
+                ALL_BEFORE => among(record, &selection, true)?,
+                _ => record.noisy(&selection, exposure),
+            };
             let fast = seed.child("fast", place as u64).rng().random_bool(self.recipe.fast);
             let mut denoiser = denoisers[usize::from(fast)].lock().unwrap_or_else(PoisonError::into_inner);
             record.add_denoised(place, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);

@@ -174,9 +174,9 @@ impl Record<f32> {
         })
     }
 
-    /// As [`Self::noisy`] with all samples of the frame itself, but with those of `others` in place of the record's neighbours.
-    pub fn noisy_among(&self, others: &[Nearby], exposure: f32) -> [Rgb; 3] {
-        self.joined(&Selection::all(self), exposure, |i, stored, _| {
+    /// As [`Self::noisy`], but with the samples of `others` in place of the record's neighbours.
+    pub fn noisy_among(&self, selection: &Selection, others: &[Nearby], exposure: f32) -> [Rgb; 3] {
+        self.joined(selection, exposure, |i, stored, _| {
             others.iter().fold([0.0; 4], |sum, other| {
                 let weight = other.share.map_or(1.0, |share| share.pixels[i]) * other.samples.spp as f32;
                 match other.source.pixels[i].filter(|_| weight > 0.0) {
@@ -322,7 +322,7 @@ mod tests {
         let shares = [1.0, 1.0 / 3.0, 0.0].map(|share| Image::filled(4, 2, share));
         let given = [None, Some(&shares[0]), Some(&shares[1]), Some(&shares[2])];
         for (share, held) in given.into_iter().zip([6.0, 6.0, 2.0, 0.0]) {
-            let [color, ..] = record.noisy_among(&[Nearby { samples, source: &source, share }], 4.0);
+            let [color, ..] = record.noisy_among(&all, &[Nearby { samples, source: &source, share }], 4.0);
             let expected = (0.5 * (2.0 + 6.0 * held) / (1.0 + held) * 0.52 + 0.5) / 4.0;
             assert!((color.pixels[5][0] - expected).abs() < 1e-5, "{held}: {} and {expected}", color.pixels[5][0]);
         }

@@ -14,9 +14,10 @@ pub const PARTS: usize = 4;
 pub const NEIGHBOURS: usize = 4;
 /// Most denoised pictures in a record: one for each part, then [`AROUND`] and [`ALL_BEFORE`].
 pub const PICTURES: usize = PARTS + 2;
-/// Index of the denoised picture of the first part with all neighbours.
+/// Index of the denoised picture of the first part with samples of frames before and after, which may be more than the
+/// neighbours of the record.
 pub const AROUND: usize = PARTS;
-/// Index of the denoised picture of the first part with the neighbours before the frame.
+/// Index of the denoised picture of the first part with samples of frames before.
 pub const ALL_BEFORE: usize = PARTS + 1;
 /// Number of terms of deferred shading, each with its own factor: lights, diffuse sky, reflections, bounced light.
 pub const TERMS: usize = 4;

@@ -54,7 +54,7 @@ impl OpenSequence<'_> {
             cancel.check()?;
             let path = self.path(numbers[there]);
             let frame = frame_file::read(&path).with_context(|| path.display().to_string())?;
-            window.frames.insert(there, (surface(&frame), traced(frame, exposure)?));
+            window.frames.insert(there, (surface(&frame), Traced::of(frame, exposure)?));
         }
         let tracks = window.tracks.get_or_insert_with(|| tracks(&self.loaded, &numbers));
         let (current, own) = &window.frames[&index];
@@ -75,15 +75,6 @@ impl OpenSequence<'_> {
         let cost = self.write(numbers[index], &frame)?;
         Ok(Some(Cost { denoise, ..cost }))
     }
-}
-
-/// The samples of a frame, ready to be carried.
-fn traced(mut frame: Frame, exposure: f32) -> Result<Traced> {
-    let raw = frame.raw.take().or(frame.beauty.take()).context("a frame has no picture")?;
-    let guides = frame.guide_albedo.take().zip(frame.guide_normal.take()).map(|(albedo, normal)| [albedo, normal]);
-    let mut traced = Traced { raw, alpha: frame.alpha, guides, spp: frame.info.spp, seconds: 0.0, carried: None };
-    traced.carry(exposure)?;
-    Ok(traced)
 }
 
 impl TruthSettings {

@@ -201,7 +201,7 @@ pub fn fuse(
         let [color, albedo, normal] = match around {
             Some(Around { others, cameras, .. }) => {
                 let near = others.iter().map(|(there, other)| (*there, other));
-                noisy(&record, near, |there| cameras[there], (&light.environment, exposure))?
+                noisy((&record, &Selection::all(&record)), near, |there| cameras[there], (&light.environment, exposure))?
             }
             None => record.noisy(&Selection::all(&record), exposure),
         };

@@ -82,7 +82,7 @@ impl<'a> Fused<'a> {
                     record.noisy(&Selection::all(&record), exposure)
                 } else {
                     let near = places.iter().copied().zip(others);
-                    noisy(&record, near, |there| *sequence.camera(there), (environment, exposure))?
+                    noisy((&record, &Selection::all(&record)), near, |there| *sequence.camera(there), (environment, exposure))?
                 };
                 record.add_denoised(0, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);
             }
