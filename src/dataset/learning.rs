@@ -23,6 +23,7 @@ use renderflow_frame::reach::Reach;
 use renderflow_frame::warp::{Keyframe, Neighbour};
 use renderflow_model::data::step_rng;
 use renderflow_model::fusion::Record;
+use renderflow_model::fusion::batch::BEFORE;
 use renderflow_model::fusion::fill::{Samples, background};
 use renderflow_model::fusion::record::{ALL_BEFORE, AROUND, Groups, PARTS, PICTURES, Selection};
 use renderflow_model::fusion::training::Source;
@@ -390,13 +391,14 @@ impl<'a> Maker<'a> {
             let own = Traced::of(trace(&mut scene, 0, false)?, exposure)?;
             let behind = background(scene.camera(), &own.alpha, &light.environment);
             record.add_part(0, &own.samples(&behind)?, exposure);
-            // The frames around have as many samples as the first part.
+            // The frames around have as many samples as the first part. Only OIDN reads those of more frames than a record holds.
+            let reach = if self.denoisers.is_some() { REACH } else { BEFORE };
             let near = |&other: &usize| -> Result<(usize, Frame, Traced)> {
                 scene.set_frame(other);
                 let traced = trace(&mut scene, 0, true)?;
                 Ok((other, surface(&traced), Traced::of(traced, exposure)?))
             };
-            let near = Neighbours::Around.of(REACH, number, frames).iter().map(near).collect::<Result<Vec<_>>>()?;
+            let near = Neighbours::Around.of(reach, number, frames).iter().map(near).collect::<Result<Vec<_>>>()?;
             let current = surface(&gbuffer);
             let others: Vec<(usize, Carried)> = near
                 .iter()

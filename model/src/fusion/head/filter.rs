@@ -1,0 +1,118 @@
+//! The filters of the head: kernels of 5 x 5 weights that the network predicts for each pixel, on samples of three scales.
+
+use crate::kernels;
+
+/// Number of weights of a kernel.
+pub const KERNEL: usize = SIDE * SIDE;
+const SIDE: usize = 5;
+const REACH: usize = 2;
+/// [`KERNEL`] rounded up to whole vectors.
+const PADDED: usize = KERNEL.next_multiple_of(16);
+/// Coverage up to here counts as none.
+pub const NOTHING: f32 = 1e-6;
+/// Logit of the centre of a kernel before training.
+const MIDDLE: f32 = 2.0;
+
+/// The samples at one scale, before and after filtering.
+#[derive(Clone, Debug, Default)]
+pub struct Scale {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Samples divided by the reflectance, times coverage; coverage.
+    pub merged: Vec<[f32; 4]>,
+    /// The filtered quotient, and the weighted coverage that it was divided by.
+    pub filtered: Vec<[f32; 4]>,
+}
+
+/// The four pixels of the next finer scale (of `fine_width` columns) that pixel `i` of a scale of `width` columns covers.
+pub fn four(i: usize, width: usize, fine_width: usize) -> [usize; 4] {
+    let at = 2 * (i / width) * fine_width + 2 * (i % width);
+    [at, at + 1, at + fine_width, at + fine_width + 1]
+}
+
+/// Mean of the four finer pixels that pixel `i` of a scale of `width` columns covers.
+pub fn quarter(finer: &Scale, i: usize, width: usize) -> [f32; 4] {
+    let under = four(i, width, finer.width).map(|at| finer.merged[at]);
+    std::array::from_fn(|c| 0.25 * (under[0][c] + under[1][c] + under[2][c] + under[3][c]))
+}
+
+/// Bilinear taps in a scale for pixel `i` of the full picture, which has `width` columns.
+pub fn taps(i: usize, width: usize, scale: &Scale) -> [(usize, f32); 4] {
+    if scale.width == width {
+        return [(i, 1.0), (i, 0.0), (i, 0.0), (i, 0.0)];
+    }
+    let step = (width / scale.width) as f32;
+    let along = |position: usize, count: usize| {
+        let at = ((position as f32 + 0.5) / step - 0.5).clamp(0.0, (count - 1) as f32);
+        let first = (at as usize).min(count - 1);
+        (first, (first + 1).min(count - 1), at - first as f32)
+    };
+    let (x, right, s) = along(i % width, scale.width);
+    let (y, below, t) = along(i / width, scale.height);
+    [
+        (y * scale.width + x, (1.0 - s) * (1.0 - t)),
+        (y * scale.width + right, s * (1.0 - t)),
+        (below * scale.width + x, (1.0 - s) * t),
+        (below * scale.width + right, s * t),
+    ]
+}
+
+/// The rows of a kernel around pixel `i` that lie in the picture: first tap, first pixel, and number of pixels.
+#[inline]
+fn rows(scale: &Scale, i: usize) -> impl Iterator<Item = (usize, usize, usize)> {
+    let (x, y) = (i % scale.width, i / scale.width);
+    let (left, top) = (x.saturating_sub(REACH), y.saturating_sub(REACH));
+    let (right, bottom) = ((x + REACH + 1).min(scale.width), (y + REACH + 1).min(scale.height));
+    let width = scale.width;
+    (top..bottom).map(move |row| ((row + REACH - y) * SIDE + left + REACH - x, row * width + left, right - left))
+}
+
+/// The weights of a kernel, scaled so that the largest is 1.
+fn weights(kernel: &[f32]) -> [f32; PADDED] {
+    let mut weights = [f32::NEG_INFINITY; PADDED];
+    weights[..KERNEL].copy_from_slice(&kernel[..KERNEL]);
+    weights[KERNEL / 2] += MIDDLE;
+    let most = weights.iter().copied().fold(f32::NEG_INFINITY, |a, b| if b > a { b } else { a });
+    weights.iter_mut().for_each(|v| *v -= most);
+    kernels::exp(&mut weights);
+    weights
+}
+
+/// The quotient of the weighted sums around pixel `i`, and the weighted coverage that it was divided by.
+pub fn filter(scale: &Scale, i: usize, kernel: &[f32]) -> [f32; 4] {
+    let weights = weights(kernel);
+    // A sum for each row, so that none waits for another.
+    let mut sums = [[0.0; 4]; SIDE];
+    for (sum, (tap, at, count)) in sums.iter_mut().zip(rows(scale, i)) {
+        for (weight, there) in weights[tap..tap + count].iter().zip(&scale.merged[at..at + count]) {
+            (0..4).for_each(|c| sum[c] += weight * there[c]);
+        }
+    }
+    let sum: [f32; 4] = std::array::from_fn(|c| sums.iter().map(|sum| sum[c]).sum());
+    if sum[3] > NOTHING { [sum[0] / sum[3], sum[1] / sum[3], sum[2] / sum[3], sum[3]] } else { [0.0; 4] }
+}
+
+/// Propagates `d`, the derivative with respect to the filtered pixel `i`, to its kernel and to the samples around it.
+pub fn unfilter(scale: &Scale, i: usize, kernel: &[f32], d: [f32; 3], out: &mut [f32], into: &mut [[f32; 4]]) {
+    let filtered = scale.filtered[i];
+    if filtered[3] <= NOTHING {
+        return;
+    }
+    let weights = weights(kernel);
+    let mean: f32 = (0..3).map(|c| d[c] * filtered[c]).sum();
+    let along = [d[0], d[1], d[2], -mean];
+    for (tap, at, count) in rows(scale, i) {
+        let taps = weights[tap..tap + count].iter().zip(&mut out[tap..tap + count]);
+        for ((weight, out), (there, into)) in taps.zip(scale.merged[at..at + count].iter().zip(&mut into[at..at + count])) {
+            let weight = weight / filtered[3];
+            let mut sum = 0.0;
+            for c in 0..4 {
+                sum += along[c] * there[c];
+                into[c] += weight * along[c];
+            }
+            *out += weight * sum;
+        }
+    }
+}
