@@ -167,23 +167,26 @@ impl<F: Features> TilePass<'_, '_, F> {
 
         let mut pixels = Pixels::with_capacity(seen.len());
         for (at, (x, y)) in self.tile.pixels().enumerate() {
-            let surface = hits[at].map(|hit| {
+            // No closures here: they are compiled for every processor alike, and so is what they call.
+            let mut surface = None;
+            if let Some(hit) = hits[at] {
                 let ray = crate::camera::ray(pass.scene.camera(), image_point((x, y), 0.5));
                 // One ray stands for the whole pixel here: textures are filtered over it, geometry is not.
-                (hit, Interaction::new::<F>(pass.scene, &ray, &hit, Cone::camera(pass.scene.camera(), 1)))
-            });
-            let guides = pass.guides.then(|| {
+                surface = Some((hit, Interaction::new::<F>(pass.scene, &ray, &hit, Cone::camera(pass.scene.camera(), 1))));
+            }
+            let mut guides = None;
+            if pass.guides {
                 let rays = pass.rays(y * pass.scene.camera().width + x);
-                let mut guides = GuideStatistics::default();
+                let found = guides.insert(GuideStatistics::default());
+                let alike = if plain && seen[at] { self.plain(at, surface.as_ref(), &corners) } else { None };
                 if !seen[at] {
-                    guides.push_misses(rays.0.into());
-                } else if let Some(first) = plain.then(|| self.plain(at, surface.as_ref(), &corners)).flatten() {
-                    guides.push_alike(rays.0.into(), first);
+                    found.push_misses(rays.0.into());
+                } else if let Some(first) = alike {
+                    found.push_alike(rays.0.into(), first);
                 } else {
-                    self.push_guides((x, y), rays, &mut guides);
+                    self.push_guides((x, y), rays, found);
                 }
-                guides
-            });
+            }
             let centre = match &surface {
                 Some((hit, surface)) if pass.centres => self.centre((x, y), hit, surface),
                 _ => Centre::MISS,
@@ -303,7 +306,11 @@ impl<F: Features> TilePass<'_, '_, F> {
             }
             scene.trace_all::<F>(&packet[..count], &mut hits[..count], &mut self.scratch);
             for (ray, hit) in packet.iter().zip(&hits).take(count) {
-                guides.push(hit.map(|hit| first_hit::<F>(scene, ray, &hit, cone, &mut self.scratch)));
+                let mut first = None;
+                if let Some(hit) = hit {
+                    first = Some(first_hit::<F>(scene, ray, hit, cone, &mut self.scratch));
+                }
+                guides.push(first);
             }
         }
         self.stats.camera_rays += u64::from(rays);

@@ -78,6 +78,8 @@ pub struct Tracer<'a> {
     gathered: BTreeMap<Neighbours, Vec<f64>>,
     /// Samples for each pixel of a frame, for rows with given seconds: a frame is traced once only.
     counts: BTreeMap<(String, usize), u32>,
+    /// Seconds that the frames so far have left over, by row, for rows with given seconds.
+    left: BTreeMap<String, f64>,
     /// By stored index, by needs, and by samples for each pixel.
     traced: BTreeMap<(usize, Needs, u32), Traced>,
     /// The surfaces that the pixels' centres see, in frames whose samples are carried.
@@ -108,6 +110,7 @@ impl<'a> Tracer<'a> {
             denoised: BTreeMap::new(),
             gathered: BTreeMap::new(),
             counts: BTreeMap::new(),
+            left: BTreeMap::new(),
             traced: BTreeMap::new(),
             surfaces: BTreeMap::new(),
         })
@@ -161,13 +164,38 @@ impl<'a> Tracer<'a> {
         given: Option<f64>,
         current: Current,
     ) -> Result<(Rgb, f64, u32)> {
+        let made = self.make(scene, tracing, given, current)?;
+        if let Some(budget) = self.budget(tracing, current.buffer.index, given) {
+            let left = self.left.entry(Method::Traced(tracing.clone()).id()).or_default();
+            *left = carry_over(*left, budget, made.1);
+        }
+        Ok(made)
+    }
+
+    fn make(
+        &mut self,
+        scene: &mut RenderScene,
+        tracing: &Tracing,
+        given: Option<f64>,
+        current: Current,
+    ) -> Result<(Rgb, f64, u32)> {
         let Current { buffer, fused, cancel } = current;
         let needs = Needs::of(tracing);
         let others = tracing.others(buffer.index, self.sequence.len());
         let frames: Vec<usize> = std::iter::once(buffer.index).chain(others).collect();
         let mut keys = Vec::with_capacity(frames.len());
+        let id = Method::Traced(tracing.clone()).id();
+        // Frames that are traced now share what is left.
+        let fresh = frames.iter().filter(|&&index| !self.counts.contains_key(&(id.clone(), index))).count();
+        let more = self.left.get(&id).copied().unwrap_or(0.0) / fresh.max(1) as f64;
         for &index in &frames {
-            let spp = self.count(tracing, index, given, buffer);
+            let spp = match (&tracing.samples, self.budget(tracing, index, given)) {
+                (Samples::Count(spp), _) => *spp,
+                (_, budget) => {
+                    let spp = self.samples_within(tracing, index, budget.unwrap_or(0.0) + more, buffer);
+                    *self.counts.entry((id.clone(), index)).or_insert(spp)
+                }
+            };
             let key = (index, needs, spp);
             if !self.traced.contains_key(&key) {
                 let traced = self.trace(scene, index, needs, spp, cancel)?;
@@ -290,14 +318,20 @@ impl<'a> Tracer<'a> {
         others.collect()
     }
 
-    /// The samples for each pixel of frame `index`: the number of the row, or the number that its seconds allow.
-    fn count(&mut self, tracing: &Tracing, index: usize, given: Option<f64>, buffer: Buffer) -> u32 {
+    /// The seconds that a row may take for frame `index`; `None` if its number of samples is given.
+    fn budget(&self, tracing: &Tracing, index: usize, given: Option<f64>) -> Option<f64> {
         let size = self.sequence.camera(index);
-        let budget = match tracing.samples {
-            Samples::Count(spp) => return spp,
-            Samples::Within(milliseconds) => f64::from(milliseconds) / 1e3 * (size.width * size.height) as f64 / BUDGET_PIXELS,
-            Samples::AsLongAs(_) => given.unwrap_or(0.0),
-        };
+        match tracing.samples {
+            Samples::Count(_) => None,
+            Samples::Within(milliseconds) => {
+                Some(f64::from(milliseconds) / 1e3 * (size.width * size.height) as f64 / BUDGET_PIXELS)
+            }
+            Samples::AsLongAs(_) => Some(given.unwrap_or(0.0)),
+        }
+    }
+
+    /// The samples for each pixel of frame `index` that `budget` seconds allow.
+    fn samples_within(&self, tracing: &Tracing, index: usize, budget: f64, buffer: Buffer) -> u32 {
         let Some(&rate) = self.rates.get(&Needs::of(tracing)) else { return 1 };
         let usual = |seconds: Option<&Vec<f64>>| seconds.map(|seconds| median(seconds)).filter(|s| s.is_finite());
         let mut others = usual(self.gathered.get(&tracing.neighbours)).unwrap_or(0.0);
@@ -316,7 +350,7 @@ impl<'a> Tracer<'a> {
                 spp -= 1;
             }
         }
-        *self.counts.entry((Method::Traced(tracing.clone()).id(), index)).or_insert(spp)
+        spp
     }
 
     /// Updates the rates after a render, since the cost of scenes changes from frame to frame.
@@ -349,6 +383,12 @@ fn affordable(seconds: f64, [start, each]: [f64; 2]) -> u32 {
     ((seconds - start) / each).floor().clamp(1.0, f64::from(MOST)) as u32
 }
 
+/// What frames leave over, or have taken too much (below 0), after one more that was given `budget` and took `seconds`. One frame
+/// gets or pays at most half as much again as it has.
+fn carry_over(left: f64, budget: f64, seconds: f64) -> f64 {
+    (left + budget - seconds).clamp(-0.5 * budget, 0.5 * budget)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -360,6 +400,20 @@ mod tests {
         // At least one sample, even where there is no time for it.
         assert_eq!([affordable(0.05, [0.1, 0.1]), affordable(-1.0, [0.0, 0.1])], [1, 1]);
         assert_eq!(affordable(1e9, [0.0, 1e-6]), MOST);
+    }
+
+    #[test]
+    fn frames_pay_for_those_before() {
+        // A frame takes 30 % more than expected, and a sample takes a quarter of the time that is given.
+        let (budget, mut left, mut total) = (1.0, 0.0, 0.0);
+        for _ in 0..40 {
+            let seconds = 1.3 * 0.25 * f64::from(affordable(budget + left, [0.0, 0.25]));
+            left = carry_over(left, budget, seconds);
+            total += seconds;
+        }
+        assert!((total / 40.0 - budget).abs() < 0.02, "{total}");
+        // One slow frame is not paid for by all that follow.
+        assert_eq!([carry_over(0.0, 1.0, 9.0), carry_over(0.3, 1.0, 0.1)], [-0.5, 0.5]);
     }
 
     #[test]
