@@ -167,7 +167,7 @@ impl<F: Features> TilePass<'_, '_, F> {
 
         let mut pixels = Pixels::with_capacity(seen.len());
         for (at, (x, y)) in self.tile.pixels().enumerate() {
-            // No closures here: they are compiled for every processor alike, and so is what they call.
+            // No closures around these: they would not be inlined, and so be compiled for SSE2 with all that they call.
             let mut surface = None;
             if let Some(hit) = hits[at] {
                 let ray = crate::camera::ray(pass.scene.camera(), image_point((x, y), 0.5));

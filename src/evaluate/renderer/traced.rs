@@ -172,6 +172,7 @@ impl<'a> Tracer<'a> {
         Ok(made)
     }
 
+    /// [`Self::picture`], without the account of what the frame leaves.
     fn make(
         &mut self,
         scene: &mut RenderScene,
