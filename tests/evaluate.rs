@@ -12,6 +12,8 @@ use renderflow::evaluate::find::find;
 use renderflow::evaluate::results::{Results, Score};
 use renderflow::util::cancel::Cancel;
 use renderflow_frame::{color, exr, frame_file};
+use renderflow_model::fusion::{Fusion, FusionConfig};
+use renderflow_model::weights::Precision;
 use std::path::{Path, PathBuf};
 
 /// A plan of one tiny sequence of five frames, keyframes at both ends.
@@ -93,6 +95,29 @@ fn methods_are_scored_on_sets_and_classes_and_work_goes_on_where_it_stopped() {
     let report = folder.path().join("report");
     succeed(&["report", out.to_str().unwrap(), "--out", report.to_str().unwrap()]);
     assert!(report.join("index.html").is_file() && report.join("tiny-near-seq-000000.html").is_file());
+}
+
+/// An untrained network draws deferred shading, so keyframes carried over its picture are those carried over deferred shading.
+#[test]
+fn keyframes_are_carried_over_the_picture_of_the_network() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = set(folder.path()).join("tiny/near/test");
+    let (weights, out) = (folder.path().join("untrained.safetensors"), folder.path().join("results"));
+    Fusion::untrained(&FusionConfig::default(), 0).unwrap().save(&weights, Precision::F16).unwrap();
+    let [data, weights, results] = [&data, &weights, &out].map(|path| path.to_str().unwrap());
+    let rows = "deferred,neural,warp,neural+keys";
+    succeed(&["evaluate", "--data", data, "--methods", rows, "--weights", weights, "--out", results]);
+    let scores = scores(&out).concat();
+    let psnr = |method: &str| -> Vec<f64> {
+        let own = scores.iter().filter(|score| score.method == method && !score.key);
+        own.map(|score| score.values["psnr"]).collect()
+    };
+    for [plain, drawn] in [["deferred", "neural"], ["warp", "neural+keys"]] {
+        let (plain, drawn) = (psnr(plain), psnr(drawn));
+        assert_eq!(plain.len(), 3);
+        assert!(plain.iter().zip(&drawn).all(|(a, b)| (a - b).abs() < 1e-4), "{plain:?} {drawn:?}");
+    }
+    assert!(psnr("warp").iter().zip(psnr("deferred")).all(|(carried, plain)| *carried > plain + 0.01));
 }
 
 /// What `infer` writes is what is evaluated, whatever the threads and however often it is stopped.

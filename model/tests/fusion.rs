@@ -133,7 +133,7 @@ fn learn_from(config: &Config, start: Option<&Fusion>, validation: &[Record<f16>
 fn every_tier_learns() {
     let folder = tempfile::tempdir().unwrap();
     let held_out = [toy(1000).to_half(), toy(1001).to_half()];
-    let config = config(folder.path(), 150);
+    let config = Config { tiers: TIERS.map(|tier| tier.name.to_owned()).into(), ..config(folder.path(), 150) };
     let before = validate(&Fusion::untrained(&config.network, 1).unwrap(), &held_out, &TIERS).unwrap();
     let summary = learn(&config, &held_out, &NetworkDevice::cpu(), u64::MAX);
     assert!(summary.finished && summary.steps == 150);

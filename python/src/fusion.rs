@@ -87,7 +87,7 @@ impl Sequence {
 }
 
 /// Draws the batch of number `number` of a run with the seed `seed`: `items` crops of `size` x `size` pixels. With no names of
-/// tiers, all are drawn.
+/// tiers, all but `deferred+keys` are drawn.
 #[pyfunction]
 pub fn draw(
     py: Python<'_>,

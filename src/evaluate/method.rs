@@ -146,7 +146,7 @@ pub static METHODS: &[Entry] = &[
         label: "neural + keyframes",
         group: Group::Neural,
         note: "reads the truth of keyframes",
-        help: "the same with keyframes",
+        help: "the same with keyframes carried over its picture",
         list: List::Standard,
     },
     Entry {

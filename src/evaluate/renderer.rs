@@ -159,10 +159,7 @@ impl<'a> MethodRenderer<'a> {
             let (made, seconds) = timed(|| DeferredBaseline::new(sequence, whole))?;
             once.push(("taking lights out of the environment, prefiltering the rest".to_owned(), seconds));
             let baseline = baseline.insert(made);
-            let carries = |method: &Method| {
-                matches!(method, Method::Warp { deferred: true } | Method::Neural { keyframes: true })
-                    || options.begins_carried(method)
-            };
+            let carries = |method: &Method| matches!(method, Method::Warp { deferred: true }) || options.begins_carried(method);
             if methods.iter().any(carries) {
                 let ((), seconds) = timed(|| baseline.prepare_keyframes(&mut scene))?;
                 once.push(("drawing keyframes by deferred shading".to_owned(), seconds));
@@ -187,7 +184,21 @@ impl<'a> MethodRenderer<'a> {
             let network = options.fusion.context("the methods need weights of the network that reads samples")?;
             let fused = fused.insert(Fused::new(sequence, network));
             if methods.iter().any(|method| method.is_neural() && method.needs_keyframes()) {
-                fused.prepare_keyframes(|index| baseline.as_ref().and_then(|baseline| baseline.keyframe(index)).cloned())?;
+                let carries = methods.contains(&Method::Neural { keyframes: true });
+                let carrying = baseline.as_mut().filter(|_| carries);
+                let ((), seconds) = timed(|| {
+                    fused.prepare_keyframes(|index, frame| {
+                        let Some(baseline) = &carrying else { return Ok(None) };
+                        scene.set_frame(sequence.numbers[index]);
+                        let maps = baseline.maps(&scene, frame)?;
+                        Ok(Some(baseline.parts(frame, &maps)?.0))
+                    })
+                })?;
+                if let Some(baseline) = carrying {
+                    // Every frame pays for its own shadow maps.
+                    baseline.forget();
+                    once.push(("drawing keyframes by the network".to_owned(), seconds));
+                }
             }
         }
         Ok(Self { fused, sequence, options, scene, baseline, keyframes, sessions, tracer, warm: !options.timed, once })

@@ -43,7 +43,7 @@ const fn with_neighbours(groups: Groups) -> Groups {
 /// The combinations that are trained and reported.
 pub const TIERS: [Tier; 10] = [
     Tier { name: "deferred", groups: DEFERRED, weight: 0.1 },
-    Tier { name: "deferred+keys", groups: with_keys(DEFERRED), weight: 0.15 },
+    Tier { name: CARRIED, groups: with_keys(DEFERRED), weight: 0.15 },
     Tier { name: "rays", groups: RAYS, weight: 0.15 },
     Tier { name: "rays+keys", groups: with_keys(RAYS), weight: 0.05 },
     Tier { name: "rays+around", groups: with_neighbours(RAYS), weight: 0.1 },
@@ -54,13 +54,17 @@ pub const TIERS: [Tier; 10] = [
     Tier { name: "denoised+around+keys", groups: with_keys(with_neighbours(DENOISED)), weight: 0.05 },
 ];
 
-/// The [`TIERS`] of these names; all of them if there is no name.
+/// The tier of keyframes without samples. Training leaves it out unless it is named, since inference carries keyframes over what
+/// the network makes of deferred shading alone, which has less error.
+const CARRIED: &str = "deferred+keys";
+
+/// The [`TIERS`] of these names; all of them but [`CARRIED`] if there is no name.
 ///
 /// # Errors
 /// [`Error::Config`] with the first name that no tier has.
 pub fn tiers(names: &[String]) -> Result<Vec<Tier>> {
     if names.is_empty() {
-        return Ok(TIERS.to_vec());
+        return Ok(TIERS.into_iter().filter(|tier| tier.name != CARRIED).collect());
     }
     let find = |name: &String| {
         let found = TIERS.into_iter().find(|tier| tier.name == name);

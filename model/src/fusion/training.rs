@@ -54,7 +54,8 @@ pub struct Config {
     pub products: Products,
     /// Weights of the terms of the loss.
     pub loss: LossWeights,
-    /// Names of the [tiers](batch::TIERS) that are trained and validated; empty for all.
+    /// Names of the [tiers](batch::TIERS) that are trained and validated; empty for all but
+    /// `deferred+keys`, whose pictures no command makes.
     pub tiers: Vec<String>,
 }
 

@@ -130,8 +130,9 @@ class Batches:
 
     At most ``window`` sequences are in memory, about 14 MB for each frame of 256 x 256 pixels. Where there are more, the oldest
     is replaced every ``rotate_steps`` steps by the next one of an endless shuffled order. ``tiers`` names the combinations of
-    inputs that are drawn (:data:`TIERS`); empty for all. With ``world`` processes, each reads its own share of the sequences
-    (all of them where there are fewer than processes) and draws its own crops.
+    inputs that are drawn (:data:`TIERS`); empty for all but ``deferred+keys``, since ``renderflow`` carries keyframes over what
+    the network makes without them. With ``world`` processes, each reads its own share of the sequences (all of them where there
+    are fewer than processes) and draws its own crops.
     """
 
     def __init__(

@@ -24,7 +24,7 @@ const VALIDATION_SPP: u32 = 128;
 /// Samples per pixel of each part in validation. Each neighbour has as many as the first part.
 const VALIDATION_SAMPLES: [u32; PARTS] = [4, 1, 2, 8];
 /// The kinds of input that the sheets of pictures show.
-const SHEETS: [&str; 4] = ["deferred+keys", "rays 1", "denoised 4", "denoised+around+keys 4"];
+const SHEETS: [&str; 4] = ["deferred", "rays 1", "denoised 4", "denoised+around+keys 4"];
 
 impl Learns for Config {
     fn recipe() -> Recipe {

@@ -115,11 +115,6 @@ impl<'a> DeferredBaseline<'a> {
         Ok((parts, maps.seconds + shading))
     }
 
-    /// The deferred picture of the keyframe with stored index `index`, if it was drawn.
-    pub fn keyframe(&self, index: usize) -> Option<&Rgb> {
-        self.keyframes.iter().find(|(there, _)| *there == index).and_then(|(_, key)| key.start.as_ref())
-    }
-
     /// The keyframes carried to stored frame `index`, with the deferred picture in the holes; and the seconds without the
     /// G-buffer's.
     pub fn warped(&self, scene: &RenderScene, frame: &Frame, index: usize, maps: &Maps) -> Result<(Rgb, f64)> {

@@ -5,6 +5,7 @@ use crate::dataset::around::{Carried, Traced, noisy, offer};
 use crate::dataset::{Sequence, keyframes};
 use crate::util::clock::timed;
 use anyhow::Result;
+use renderflow_frame::Frame;
 use renderflow_frame::ibl;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::warp::Keyframe;
@@ -18,7 +19,7 @@ use renderflow_renderer::denoise::Denoiser;
 pub struct Fused<'a> {
     sequence: &'a Sequence,
     network: &'a Fusion,
-    /// Keyframes, by stored index.
+    /// Keyframes, by stored index. Each starts with the network's own picture of it, if a method carries them over that.
     keys: Vec<(usize, Keyframe)>,
 }
 
@@ -28,26 +29,32 @@ impl<'a> Fused<'a> {
         Self { sequence, network, keys: Vec::new() }
     }
 
-    /// Reads the keyframes. `shaded` gives the deferred picture of a keyframe, if there is one.
-    pub fn prepare_keyframes(&mut self, shaded: impl Fn(usize) -> Option<Rgb>) -> Result<()> {
-        self.keys = keyframes::prepare(self.sequence, &self.sequence.transforms.keyframes, |index, _| Ok(shaded(index)))?;
+    /// Reads the keyframes, and draws those whose terms `shade` gives.
+    pub fn prepare_keyframes(&mut self, mut shade: impl FnMut(usize, &Frame) -> Result<Option<Deferred>>) -> Result<()> {
+        let draw = |index, frame: &Frame| shade(index, frame)?.map(|deferred| self.alone(frame, &deferred)).transpose();
+        self.keys = keyframes::prepare(self.sequence, &self.sequence.transforms.keyframes, draw)?;
         Ok(())
     }
 
-    /// The picture from terms of deferred shading, with or without keyframes, and its seconds without those of the terms.
+    /// The picture from terms of deferred shading, and its seconds without those of the terms; with keyframes carried over it, or
+    /// not.
     pub fn shaded(&self, buffer: Buffer, deferred: &Deferred, keyframes: bool) -> Result<(Rgb, f64)> {
         if let Some(truth) = self.truth(buffer.index, keyframes) {
             return Ok((truth, 0.0));
         }
-        let exposure = self.sequence.exposure();
         timed(|| {
-            let mut record = Record::of(buffer.frame, &deferred.surfaces, exposure);
-            record.add_deferred(&deferred.terms, exposure);
-            if keyframes {
-                self.carry(&mut record, buffer, Some(&deferred.image));
-            }
-            self.draw(&record)
+            let alone = self.alone(buffer.frame, deferred)?;
+            let carried = |start| keyframes::warp(self.sequence, &self.keys, buffer.index, buffer.frame, start);
+            Ok(if keyframes { carried(&alone) } else { alone })
         })
+    }
+
+    /// The picture from terms of deferred shading alone.
+    fn alone(&self, frame: &Frame, deferred: &Deferred) -> Result<Rgb> {
+        let exposure = self.sequence.exposure();
+        let mut record = Record::of(frame, &deferred.surfaces, exposure);
+        record.add_deferred(&deferred.terms, exposure);
+        self.draw(&record)
     }
 
     /// The picture from samples of the frame and of its neighbours, nearest first and each with its stored index, with or without
@@ -74,7 +81,7 @@ impl<'a> Fused<'a> {
             let near = places.iter().copied().zip(others);
             offer(&mut record, index, near, |there| *sequence.camera(there), (environment, exposure))?;
             if keyframes {
-                self.carry(&mut record, buffer, None);
+                self.carry(&mut record, buffer);
             }
             if let Some(denoiser) = denoiser {
                 // With others, these are more frames than the network has places for, each as far as it holds.
@@ -96,12 +103,13 @@ impl<'a> Fused<'a> {
         found.map(|(_, key)| key.truth.clone())
     }
 
-    fn carry(&self, record: &mut Record<f32>, buffer: Buffer, shaded: Option<&Rgb>) {
+    /// Adds the keyframes around the frame as factors of the albedo.
+    fn carry(&self, record: &mut Record<f32>, buffer: Buffer) {
         let before = self.keys.iter().rfind(|(key, _)| *key < buffer.index);
         let after = self.keys.iter().find(|(key, _)| *key > buffer.index);
         let seen =
             [before, after].map(|found| found.map(|(index, key)| keyframes::seen_from(self.sequence, buffer.index, *index, key)));
-        record.add_keys(seen, buffer.frame, shaded, self.sequence.exposure());
+        record.add_keys(seen, buffer.frame, None, self.sequence.exposure());
     }
 
     fn draw(&self, record: &Record<f32>) -> Result<Rgb> {
