@@ -2,6 +2,7 @@
 
 mod baseline;
 mod fused;
+mod mixture;
 mod sessions;
 mod traced;
 
@@ -183,22 +184,22 @@ impl<'a> MethodRenderer<'a> {
         if methods.iter().any(Method::is_neural) {
             let network = options.fusion.context("the methods need weights of the network that reads samples")?;
             let fused = fused.insert(Fused::new(sequence, network));
-            if methods.iter().any(|method| method.is_neural() && method.needs_keyframes()) {
-                let carries = methods.contains(&Method::Neural { keyframes: true });
-                let carrying = baseline.as_mut().filter(|_| carries);
+            let carried = Method::Neural { keyframes: true };
+            if let Some(baseline) = baseline.as_mut().filter(|_| methods.contains(&carried)) {
                 let ((), seconds) = timed(|| {
-                    fused.prepare_keyframes(|index, frame| {
-                        let Some(baseline) = &carrying else { return Ok(None) };
+                    fused.draw_keyframes(|index, frame| {
                         scene.set_frame(sequence.numbers[index]);
                         let maps = baseline.maps(&scene, frame)?;
-                        Ok(Some(baseline.parts(frame, &maps)?.0))
+                        Ok(baseline.parts(frame, &maps)?.0)
                     })
                 })?;
-                if let Some(baseline) = carrying {
-                    // Every frame pays for its own shadow maps.
-                    baseline.forget();
-                    once.push(("drawing keyframes by the network".to_owned(), seconds));
-                }
+                // Every frame pays for its own shadow maps.
+                baseline.forget();
+                once.push(("drawing keyframes by the network".to_owned(), seconds));
+            }
+            if methods.iter().any(|method| method.is_neural() && method.needs_keyframes() && *method != carried) {
+                let ((), seconds) = timed(|| fused.light_keyframes())?;
+                once.push(("shading keyframes by the split sum".to_owned(), seconds));
             }
         }
         Ok(Self { fused, sequence, options, scene, baseline, keyframes, sessions, tracer, warm: !options.timed, once })

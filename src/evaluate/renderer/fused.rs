@@ -1,6 +1,7 @@
 //! The network that reads samples on one sequence: fills the network's input for each frame, and measures the seconds.
 
 use super::Buffer;
+use super::mixture::mixture;
 use crate::dataset::around::{Carried, Traced, noisy, offer};
 use crate::dataset::{Sequence, keyframes};
 use crate::util::clock::timed;
@@ -19,32 +20,42 @@ use renderflow_renderer::denoise::Denoiser;
 pub struct Fused<'a> {
     sequence: &'a Sequence,
     network: &'a Fusion,
-    /// Keyframes, by stored index. Each starts with the network's own picture of it, if a method carries them over that.
-    keys: Vec<(usize, Keyframe)>,
+    /// Keyframes, by stored index, that start with the network's own picture of them.
+    drawn: Vec<(usize, Keyframe)>,
+    /// The same, that start with the split sum.
+    lit: Vec<(usize, Keyframe)>,
 }
 
 impl<'a> Fused<'a> {
     /// Starts without keyframes.
     pub fn new(sequence: &'a Sequence, network: &'a Fusion) -> Self {
-        Self { sequence, network, keys: Vec::new() }
+        Self { sequence, network, drawn: Vec::new(), lit: Vec::new() }
     }
 
-    /// Reads the keyframes, and draws those whose terms `shade` gives.
-    pub fn prepare_keyframes(&mut self, mut shade: impl FnMut(usize, &Frame) -> Result<Option<Deferred>>) -> Result<()> {
-        let draw = |index, frame: &Frame| shade(index, frame)?.map(|deferred| self.alone(frame, &deferred)).transpose();
-        self.keys = keyframes::prepare(self.sequence, &self.sequence.transforms.keyframes, draw)?;
+    /// Reads the keyframes and draws them, for [`Self::shaded`]. `shade` gives the terms of one.
+    pub fn draw_keyframes(&mut self, mut shade: impl FnMut(usize, &Frame) -> Result<Deferred>) -> Result<()> {
+        let draw = |index, frame: &Frame| Ok(Some(self.alone(frame, &shade(index, frame)?)?));
+        self.drawn = keyframes::prepare(self.sequence, &self.sequence.transforms.keyframes, draw)?;
+        Ok(())
+    }
+
+    /// Reads the keyframes and shades them by the split sum, for [`Self::traced`].
+    pub fn light_keyframes(&mut self) -> Result<()> {
+        let light = self.sequence.light()?;
+        let draw = |_, frame: &Frame| Ok(Some(ibl::shade(frame, light).image));
+        self.lit = keyframes::prepare(self.sequence, &self.sequence.transforms.keyframes, draw)?;
         Ok(())
     }
 
     /// The picture from terms of deferred shading, and its seconds without those of the terms; with keyframes carried over it, or
     /// not.
     pub fn shaded(&self, buffer: Buffer, deferred: &Deferred, keyframes: bool) -> Result<(Rgb, f64)> {
-        if let Some(truth) = self.truth(buffer.index, keyframes) {
-            return Ok((truth, 0.0));
+        if let Some(truth) = truth(&self.drawn, buffer.index).filter(|_| keyframes) {
+            return Ok((truth.clone(), 0.0));
         }
         timed(|| {
             let alone = self.alone(buffer.frame, deferred)?;
-            let carried = |start| keyframes::warp(self.sequence, &self.keys, buffer.index, buffer.frame, start);
+            let carried = |start| keyframes::warp(self.sequence, &self.drawn, buffer.index, buffer.frame, start);
             Ok(if keyframes { carried(&alone) } else { alone })
         })
     }
@@ -58,7 +69,8 @@ impl<'a> Fused<'a> {
     }
 
     /// The picture from samples of the frame and of its neighbours, nearest first and each with its stored index, with or without
-    /// keyframes, and with what `denoiser` makes of the samples; and its seconds without those of the samples.
+    /// keyframes, and with what `denoiser` makes of the samples; and its seconds without those of the samples. The network reads
+    /// keyframes as factors of the albedo. Then its picture is mixed with keyframes that are carried over the split sum.
     pub fn traced(
         &self,
         buffer: Buffer,
@@ -67,8 +79,8 @@ impl<'a> Fused<'a> {
         keyframes: bool,
         denoiser: Option<&mut Denoiser>,
     ) -> Result<(Rgb, f64)> {
-        if let Some(truth) = self.truth(buffer.index, keyframes) {
-            return Ok((truth, 0.0));
+        if let Some(truth) = truth(&self.lit, buffer.index).filter(|_| keyframes) {
+            return Ok((truth.clone(), 0.0));
         }
         let (sequence, light, index) = (self.sequence, self.sequence.light()?, buffer.index);
         let (environment, exposure) = (&light.environment, light.exposure());
@@ -93,20 +105,20 @@ impl<'a> Fused<'a> {
                 };
                 record.add_denoised(0, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);
             }
-            self.draw(&record)
+            let drawn = self.draw(&record)?;
+            Ok(if keyframes {
+                let carried = keyframes::warp(sequence, &self.lit, index, buffer.frame, &shading.image);
+                mixture(&drawn, &carried, exposure)
+            } else {
+                drawn
+            })
         })
-    }
-
-    /// The truth of a frame, if it is a keyframe.
-    fn truth(&self, index: usize, keyframes: bool) -> Option<Rgb> {
-        let found = self.keys.iter().find(|(key, _)| keyframes && *key == index);
-        found.map(|(_, key)| key.truth.clone())
     }
 
     /// Adds the keyframes around the frame as factors of the albedo.
     fn carry(&self, record: &mut Record<f32>, buffer: Buffer) {
-        let before = self.keys.iter().rfind(|(key, _)| *key < buffer.index);
-        let after = self.keys.iter().find(|(key, _)| *key > buffer.index);
+        let before = self.lit.iter().rfind(|(key, _)| *key < buffer.index);
+        let after = self.lit.iter().find(|(key, _)| *key > buffer.index);
         let seen =
             [before, after].map(|found| found.map(|(index, key)| keyframes::seen_from(self.sequence, buffer.index, *index, key)));
         record.add_keys(seen, buffer.frame, None, self.sequence.exposure());
@@ -117,4 +129,9 @@ impl<'a> Fused<'a> {
         let pixels = self.network.render(record)?.into_iter().map(|rgb| rgb.map(|v| v / exposure)).collect();
         Ok(Rgb { width: record.width, height: record.height, pixels })
     }
+}
+
+/// The truth of the frame with stored index `index`, if it is one of the keyframes `keys`.
+fn truth(keys: &[(usize, Keyframe)], index: usize) -> Option<&Rgb> {
+    keys.iter().find(|(key, _)| *key == index).map(|(_, key)| &key.truth)
 }
