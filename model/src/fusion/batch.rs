@@ -58,7 +58,7 @@ pub const TIERS: [Tier; 10] = [
 /// the network makes of deferred shading alone, which has less error.
 const CARRIED: &str = "deferred+keys";
 
-/// The [`TIERS`] of these names; all of them but [`CARRIED`] if there is no name.
+/// The [`TIERS`] of these names; all of them but `deferred+keys` if there is no name.
 ///
 /// # Errors
 /// [`Error::Config`] with the first name that no tier has.

@@ -13,7 +13,9 @@ const TOLERANCE: f32 = 0.025;
 /// The difference is taken over so many pixels to each side.
 const REACH: usize = 2;
 
-/// `picture` with a share of `carried`, both scene-linear and of one size. `exposure` is the factor to display-linear.
+/// `picture` with a share of `carried`, both scene-linear and of one size. `exposure` is the factor to display-linear. The share
+/// is [`SHARE`] times exp(-d^2 / [`TOLERANCE`]^2), where d is the root mean square of their difference around the pixel. A pixel
+/// that would not be finite stays as it is in `picture`.
 pub fn mixture(picture: &Rgb, carried: &Rgb, exposure: f32) -> Rgb {
     let (width, height) = (picture.width, picture.height);
     let square = |(a, b): (&[f32; 3], &[f32; 3])| {
