@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::features::FeatureSet;
 use crate::light::LightGroups;
 use crate::material::{Mode, Prepared};
-use crate::sampler::{PixelSampler, Sampler};
+use crate::sampler::{PixelSampler, Sampler, Sharing};
 use crate::skips::{Channels, Skips};
 use serde::{Deserialize, Serialize};
 use std::ops::{Range, RangeInclusive};
@@ -236,9 +236,18 @@ impl Settings {
         if self.bsdf == Mode::Conserving { scene.bsdfs() } else { &[] }
     }
 
-    /// The random numbers of one pixel.
-    pub(crate) fn random(&self, scene: &RenderScene, pixel: usize) -> PixelSampler {
-        PixelSampler::of_kind(self.sampler, scene.seed, scene.frame() as u64, pixel as u64)
+    /// How pixels share sequences, if all have the samples that are asked for, with `lights` light samples for each camera ray.
+    pub(crate) fn sharing(&self, lights: u32) -> Sharing {
+        Sharing::new(self.camera_samples(), lights, self.branches())
+    }
+
+    /// The random numbers of pixel (x, y); without `sharing`, all are its own.
+    pub(crate) fn random(&self, scene: &RenderScene, (x, y): (usize, usize), sharing: Option<Sharing>) -> PixelSampler {
+        let (kind, seed, frame, width) = (self.sampler, scene.seed, scene.frame() as u64, scene.camera().width);
+        match sharing {
+            Some(sharing) => PixelSampler::shared(kind, seed, frame, (x as u32, y as u32), width as u32, sharing),
+            None => PixelSampler::of_kind(kind, seed, frame, (y * width + x) as u64),
+        }
     }
 }
 

@@ -5,7 +5,7 @@ mod common;
 
 use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny};
 use glam::{Affine3A, Vec3};
-use renderflow_frame::Frame;
+use renderflow_frame::{Environment, Frame, Image};
 use renderflow_renderer::{RenderScene, Settings};
 use renderflow_scenes::{LoadedScene, Material, Principled};
 
@@ -76,7 +76,9 @@ fn branches_cost_no_camera_rays() {
     let (one, four) = (stats(8, 1), stats(32, 4));
     assert_eq!(one.camera_rays, four.camera_rays);
     assert_eq!(four.samples, 4 * one.samples);
-    assert!(four.bounce_rays > 2 * one.bounce_rays && four.bounce_rays < 4 * one.bounce_rays);
+    // Each of the four goes on alone.
+    let paths = four.bounce_rays as f64 / one.bounce_rays as f64;
+    assert!((3.5..4.5).contains(&paths), "{paths}");
     // Few samples share none, for the sake of edges; nor do those that no power of two divides.
     let shared = |spp| Settings { spp, branches: 4, ..Settings::default() }.branches();
     assert_eq!([1, 4, 8, 12, 16, 17, 18, 256].map(shared), [1, 1, 2, 2, 4, 1, 2, 4]);
@@ -110,5 +112,40 @@ fn impossible_limits_and_branches_are_refused() {
     }
     for branches in [0, 65] {
         assert!(run(&Settings { spp: 1, branches, ..Settings::default() }).is_err(), "{branches}");
+    }
+}
+
+/// Pixels of a block of 4 x 4 share out their samples, so their errors cancel where they see nearly the same. Independent errors
+/// would leave a sixteenth of their mean square in the means of blocks.
+#[test]
+fn errors_of_neighbours_cancel() {
+    // A matte floor and ball under an even sky from above: no bright sample decides.
+    let mut sky = Environment::constant([0.0; 3]);
+    sky.map = Image::from_fn(16, 8, |_, y| [if y < 4 { 1.0 } else { 0.1 }; 3]);
+    let parts = vec![
+        (plane(6.0), diffuse([0.7, 0.6, 0.5]), Affine3A::IDENTITY),
+        (sphere(16, true), diffuse([0.5; 3]), Affine3A::from_translation(Vec3::new(0.0, 1.0, 0.0))),
+    ];
+    let mut scene = scene(parts, sky, camera([0.4, 2.4, 5.2], [0.0, 0.6, 0.0], 40.0, 32, 24));
+    let mut picture = |seed, spp| {
+        scene.seed = seed;
+        render_with(&compile(&scene), &Settings { spp, ..Settings::default() }).0.raw.unwrap()
+    };
+    let truth = picture(99, 1 << 11);
+    // Six are three quarters of a run. Of sixteen, edges leave most, because image points are not shared.
+    for (spp, most) in [(1, 0.6), (4, 0.5), (6, 0.8), (16, 0.75)] {
+        let (mut pixels, mut blocks) = (0.0, 0.0);
+        for seed in 0..8 {
+            let raw = picture(seed, spp);
+            let error = |x: usize, y: usize| f64::from(raw.pixels[y * 32 + x][1] - truth.pixels[y * 32 + x][1]);
+            for (x, y) in (0..24).step_by(4).flat_map(|y| (0..32).step_by(4).map(move |x| (x, y))) {
+                let block = || (0..16).map(|i| error(x + i % 4, y + i / 4));
+                pixels += block().map(|e| e * e).sum::<f64>() / 16.0;
+                blocks += (block().sum::<f64>() / 16.0).powi(2);
+            }
+        }
+        let left = 16.0 * blocks / pixels;
+        println!("{spp} samples: {left:.3} of what independent errors leave");
+        assert!(left < most, "{spp} samples: {left}");
     }
 }

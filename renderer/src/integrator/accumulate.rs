@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::features::{Features, with_features};
 use crate::film::{Film, GroupStatistics, GuideStatistics, PixelStatistics};
 use crate::integrator::visible::Visible;
+use crate::sampler::Sharing;
 use crate::schedule::{self, Progress, TilePixels};
 use crate::settings::Settings;
 use crate::stats::Stats;
@@ -55,6 +56,8 @@ pub(super) struct Work<'a> {
     pub casters: Option<&'a CausticCasters>,
     /// Number of light samples at the first surface behind a camera ray.
     lights: u32,
+    /// How pixels share sequences; those with samples of different number do not.
+    sharing: Option<Sharing>,
     pub cancel: &'a AtomicBool,
 }
 
@@ -67,7 +70,12 @@ impl<'a> Work<'a> {
         cancel: &'a AtomicBool,
     ) -> Self {
         let lights = light_samples(scene, settings, visible, casters);
-        Self { scene, settings, visible, casters, lights, cancel }
+        Self { scene, settings, visible, casters, lights, sharing: None, cancel }
+    }
+
+    /// For pictures whose pixels all have the samples that the settings ask for.
+    pub fn even(self) -> Self {
+        Self { sharing: Some(self.settings.sharing(self.lights)), ..self }
     }
 
     /// Number of light paths of the samples `samples`.
@@ -99,7 +107,7 @@ impl<'a> Work<'a> {
 }
 
 fn trace<F: Features>(
-    Work { scene, settings, visible, casters, lights, cancel }: Work<'_>,
+    Work { scene, settings, visible, casters, lights, sharing, cancel }: Work<'_>,
     film: &mut Film,
     span: &(dyn Fn(usize) -> Range<u32> + Sync),
     (meter, total): (&Meter<'_>, u64),
@@ -129,7 +137,7 @@ fn trace<F: Features>(
             let at = y * width + x;
             let range = span(at);
             samples += u64::from(range.end.saturating_sub(range.start));
-            let (sampler, seen) = (settings.random(scene, at), visible.at(x, y));
+            let (sampler, seen) = (settings.random(scene, (x, y), sharing), visible.at(x, y));
             let indices = range.start / branches..range.end / branches;
             let count = indices.len() as u32;
             for index in indices {

@@ -295,7 +295,7 @@ impl<F: Features> TilePass<'_, '_, F> {
     #[inline(always)]
     fn push_guides(&mut self, (x, y): (usize, usize), (rays, samples): (u32, u32), guides: &mut GuideStatistics) {
         let Pass { scene, settings, .. } = *self.pass;
-        let random = settings.random(scene, y * scene.camera().width + x);
+        let random = settings.random(scene, (x, y), None);
         let cone = Cone::camera(scene.camera(), samples);
         let mut packet = [Ray::new(Vec3A::ZERO, Vec3A::Z); SHOTS];
         let mut hits = [None; SHOTS];

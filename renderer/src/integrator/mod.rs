@@ -150,7 +150,10 @@ fn expose_samples(samples: Samples, progress: Progress<'_>, cancel: &AtomicBool)
     let mut film = Film::new(scene, settings, range.clone(), map);
     let span = |pixel: usize| range.start..map.map_or(range.end, |map| range.end.min(map[pixel]));
     let casters = CausticCasters::find(scene, settings);
-    let work = Work::new(scene, settings, visible, casters.as_ref(), cancel);
+    let mut work = Work::new(scene, settings, visible, casters.as_ref(), cancel);
+    if map.is_none() {
+        work = work.even();
+    }
     // Where pixels have different counts, the mean gives the number of light paths.
     let all = map.map_or(range.end, mean);
     let light = range.start.min(all)..range.end.min(all);

@@ -78,7 +78,7 @@ fn expose(
         let own = Settings { spp: samples.len() as u32, ..*settings };
         let visible = Visible::new(scene, &own);
         let casters = CausticCasters::find(scene, settings);
-        let work = Work::new(scene, settings, &visible, casters.as_ref(), cancel);
+        let work = Work::new(scene, settings, &visible, casters.as_ref(), cancel).even();
         let light = work.light_paths(&samples);
         // Moments may have different numbers of light paths; all are taken to be like this one.
         let total = (pixels * samples.len() as u64 + light) * u64::from(settings.spp) / samples.len().max(1) as u64;

@@ -13,9 +13,9 @@ const WORTH: u32 = 8;
 
 #[derive(Clone, Copy)]
 struct Batch {
-    /// The pixel's stream, and number of the batch in it.
+    /// What tells the sequence from others, and number of the batch in it.
     base: u64,
-    number: u32,
+    number: u64,
     /// Number of samples of the batch that were requested, and whether the batch was drawn.
     asked: u32,
     ahead: bool,
@@ -32,7 +32,7 @@ pub(crate) struct LightSampleCache {
 
 impl Default for LightSampleCache {
     fn default() -> Self {
-        Self { batches: [Batch { base: 0, number: u32::MAX, asked: 0, ahead: false, drawn: [None; LANES] }; SETS], first: true }
+        Self { batches: [Batch { base: 0, number: u64::MAX, asked: 0, ahead: false, drawn: [None; LANES] }; SETS], first: true }
     }
 }
 
@@ -53,11 +53,13 @@ impl LightSampleCache {
         index: u32,
         set: u32,
     ) -> Option<EnvironmentSample> {
-        let number = index / LANES as u32;
+        let place = sampler.number(index, set);
+        let number = place / LANES as u64;
         if let Some(batch) = self.batches.get_mut((set / 2).wrapping_sub(1) as usize).filter(|_| sampler.is_sobol()) {
-            if batch.number != number || batch.base != sampler.base() {
+            let base = sampler.base(set);
+            if batch.number != number || batch.base != base {
                 let wanted = (set == 2 && self.first) || batch.asked >= WORTH;
-                (batch.number, batch.base, batch.asked, batch.ahead) = (number, sampler.base(), 0, false);
+                (batch.number, batch.base, batch.asked, batch.ahead) = (number, base, 0, false);
                 // Sixteen points are needed here, even if few are expected elsewhere.
                 if wanted && let Some([u, v, ..]) = points.sixteen(sampler, index, set) {
                     light.sample_all([u, v], &mut batch.drawn);
@@ -66,7 +68,7 @@ impl LightSampleCache {
             }
             batch.asked += 1;
             if batch.ahead {
-                return batch.drawn[index as usize % LANES];
+                return batch.drawn[place as usize % LANES];
             }
         }
         let [u, v, ..] = points.point(sampler, index, set);
@@ -77,7 +79,7 @@ impl LightSampleCache {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampler::Sampler;
+    use crate::sampler::{Sampler, Sharing};
     use renderflow_frame::{Environment, Image};
 
     #[test]
@@ -90,6 +92,10 @@ mod tests {
             Environment::constant([0.5; 3]),
             Environment::constant([0.0; 3]),
         ];
+        let sampler = |kind, pixel: u64| match pixel % 2 {
+            0 => PixelSampler::of_kind(kind, 3, 0, pixel),
+            _ => PixelSampler::shared(kind, 3, 0, (pixel as u32, 2), 12, Sharing::new(16, 1 + pixel as u32 % 3, 1)),
+        };
         for environment in maps {
             let light = EnvironmentLight::new(&environment).unwrap();
             let (mut ahead, mut points) = (LightSampleCache::default(), Points::default());
@@ -98,7 +104,7 @@ mod tests {
                 for (pixel, index) in
                     (0..12).flat_map(|pixel| [0, 1, 5, 16, 40, 70_000].map(|start| (pixel, start + pixel as u32)))
                 {
-                    let sampler = PixelSampler::of_kind(kind, 3, 0, pixel);
+                    let sampler = sampler(kind, pixel);
                     ahead.expect(if pixel % 2 == 0 { 1 } else { 16 });
                     points.expect(if pixel % 3 == 0 { 1 } else { 16 });
                     for set in [2, 4, 8, 10, 40] {
@@ -113,7 +119,7 @@ mod tests {
                 // All samples of a pixel in order, of which only some have later vertices: drawn ahead and then not, and again.
                 ahead.expect(16);
                 for pixel in 0..3 {
-                    let sampler = PixelSampler::of_kind(kind, 3, 0, pixel);
+                    let sampler = sampler(kind, pixel);
                     for index in 0..96 {
                         for set in [2, 4, 6, 8, 10] {
                             if index % 48 >= 24 && set > 2 && index % 5 > 0 {

@@ -1,4 +1,4 @@
-//! Points of sixteen consecutive samples at once, bit for bit equal to [`PixelSampler::point`].
+//! Points of sixteen consecutive numbers of a sequence at once, bit for bit equal to [`PixelSampler::point`].
 //!
 //! The sixteen share the upper bits of their shuffled numbers, hence most of the Sobol matrix, and what is left is the same short
 //! sequence of integer operations for each: the compiler makes vector code of it for whatever the processor has. A renderer that
@@ -7,7 +7,7 @@
 use super::sobol::{PixelSampler, SEQUENCE};
 use sobol_burley::parts::{hash, owen_scramble_rev, u32_to_f32_norm};
 
-/// Samples of a batch.
+/// Points of a batch.
 pub const LANES: usize = 16;
 /// One set of a batch, an array a dimension.
 pub type Batched = [[f32; LANES]; 4];
@@ -15,8 +15,8 @@ pub type Batched = [[f32; LANES]; 4];
 const WORTH: u32 = 3;
 /// Sets that are kept; paths seldom reach those beyond, which are computed one by one.
 const SETS: usize = 16;
-/// No number of a batch: samples are numbered up to 2^24.
-const NONE: u32 = u32::MAX;
+/// No number of a batch.
+const NONE: u64 = u64::MAX;
 /// Bits of a sample's number that matter.
 const BITS: usize = SEQUENCE.ilog2() as usize;
 
@@ -83,13 +83,13 @@ const fn directions() -> [[u32; 4]; BITS] {
     numbers
 }
 
-/// One set of sixteen consecutive samples of a pixel.
+/// One set of sixteen consecutive numbers of a sequence.
 #[derive(Clone, Copy)]
 struct Batch {
-    /// The pixel's stream.
+    /// What tells the sequence from others.
     base: u64,
-    /// Number of the batch in the stream.
-    number: u32,
+    /// Number of the batch in the sequence.
+    number: u64,
     points: Batched,
 }
 
@@ -117,7 +117,7 @@ impl Points {
     /// [`PixelSampler::point`] of `sampler`.
     #[inline(always)]
     pub fn point(&mut self, sampler: &PixelSampler, index: u32, set: u32) -> [f32; 4] {
-        let lane = index as usize % LANES;
+        let lane = sampler.number(index, set) as usize % LANES;
         // Spelled out: an array that is mapped goes through memory, and reading two of its numbers at once then waits for both
         // stores.
         match self.batch(sampler, index, set) {
@@ -126,8 +126,8 @@ impl Points {
         }
     }
 
-    /// The points of set `set` of all samples `16 k..16 k + 16` with `index` among them; `None` where they are not kept or too
-    /// few are expected.
+    /// The points of set `set` of all numbers `16 k..16 k + 16` of its sequence, that of sample `index` among them; `None` where
+    /// they are not kept or too few are expected.
     #[inline(always)]
     pub fn batch(&mut self, sampler: &PixelSampler, index: u32, set: u32) -> Option<&Batched> {
         if self.few { None } else { self.sixteen(sampler, index, set) }
@@ -137,17 +137,18 @@ impl Points {
     #[inline(always)]
     pub fn sixteen(&mut self, sampler: &PixelSampler, index: u32, set: u32) -> Option<&Batched> {
         let batch = self.batches.get_mut(set as usize).filter(|_| sampler.is_sobol())?;
-        let number = index / LANES as u32;
-        if batch.number != number || batch.base != sampler.base() {
-            *batch = Batch { base: sampler.base(), number, points: batch.points };
-            let first = number * LANES as u32;
-            compute(&mut batch.points, first % SEQUENCE, sampler.scramble(first, set));
+        let number = sampler.number(index, set) / LANES as u64;
+        let base = sampler.base(set);
+        if batch.number != number || batch.base != base {
+            *batch = Batch { base, number, points: batch.points };
+            let first = number * LANES as u64;
+            compute(&mut batch.points, first as u32 % SEQUENCE, sampler.scramble(first, set));
         }
         Some(&batch.points)
     }
 }
 
-/// The points of the samples `first..first + 16`, `first` a multiple of 16 below 2^16, as sobol_burley's `sample_4d` gives them.
+/// The points of the numbers `first..first + 16`, `first` a multiple of 16 below 2^16, as sobol_burley's `sample_4d` gives them.
 #[inline(always)]
 fn compute(points: &mut Batched, first: u32, seed: u32) {
     let shuffle = hash(seed ^ 0x79c6_8e4a);
@@ -182,7 +183,7 @@ fn set_bit(value: u32, bit: usize) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sampler::Sampler;
+    use crate::sampler::{Sampler, Sharing};
 
     #[test]
     fn directions_are_those_of_sobol_burley() {
@@ -198,7 +199,11 @@ mod tests {
         let mut points = Points::default();
         for kind in [Sampler::Sobol, Sampler::Independent] {
             for pixel in 0..20 {
-                let sampler = PixelSampler::of_kind(kind, 5, 1, pixel);
+                let at = (pixel as u32 % 3, pixel as u32 / 3);
+                let sampler = match pixel % 2 {
+                    0 => PixelSampler::of_kind(kind, 5, 1, pixel),
+                    _ => PixelSampler::shared(kind, 5, 1, at, 3, Sharing::new(1 << (pixel % 5), 2, 1)),
+                };
                 // In order, out of order, over the border of a scramble, and with numbers only an interrupted render starts from.
                 let starts = [0, 7, 3, 1 << 10, (1 << 16) - 20, (1 << 20) + 5, (1 << 24) - 40];
                 points.expect(if pixel % 3 == 0 { 1 } else { 16 });

@@ -14,12 +14,16 @@
 //!
 //! A scene that needs no light samples (flat environment, no emitters) never asks for the even sets; the others keep their
 //! numbers.
+//!
+//! In pictures whose pixels all have the same samples, blocks of pixels share a sequence ([`block`]).
 
 pub mod batch;
+pub mod block;
 pub mod hash;
 pub mod sobol;
 
 pub use batch::{Batched, LANES, Points};
+pub use block::Sharing;
 pub use sobol::PixelSampler;
 
 use serde::{Deserialize, Serialize};

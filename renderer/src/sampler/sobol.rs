@@ -1,5 +1,6 @@
-//! Owen-scrambled Sobol points (sobol_burley), with an independent scramble for each pixel and set.
+//! Owen-scrambled Sobol points (sobol_burley), with an independent scramble for each set and for each pixel or block of pixels.
 
+use crate::sampler::block::{Place, Sharing};
 use crate::sampler::{Sampler, hash};
 
 /// Points of sobol_burley's sequence before its scramble must change.
@@ -8,8 +9,11 @@ pub(crate) const SEQUENCE: u32 = 1 << 16;
 /// The sample stream of one pixel of one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct PixelSampler {
+    /// Seed of what is the pixel's own.
     base: u64,
     kind: Sampler,
+    /// The place among the pixels with which it shares its sequences.
+    place: Option<Place>,
 }
 
 impl PixelSampler {
@@ -22,11 +26,19 @@ impl PixelSampler {
     /// As [`Self::new`], with numbers of another kind.
     #[inline]
     pub fn of_kind(kind: Sampler, seed: u64, frame: u64, pixel: u64) -> Self {
-        Self { base: hash::child(hash::child(hash::mix(seed), frame), pixel), kind }
+        Self { base: hash::child(parent(seed, frame), pixel), kind, place: None }
+    }
+
+    /// As [`Self::of_kind`] for pixel (x, y) of a picture that is `width` pixels wide. But for image points, it shares a sequence
+    /// with the other pixels of its block. Independent numbers are not shared.
+    #[inline]
+    pub fn shared(kind: Sampler, seed: u64, frame: u64, (x, y): (u32, u32), width: u32, sharing: Sharing) -> Self {
+        let place = (kind == Sampler::Sobol).then(|| Place::new(parent(seed, frame), (x, y), sharing));
+        Self { place, ..Self::of_kind(kind, seed, frame, u64::from(y) * u64::from(width) + u64::from(x)) }
     }
 
     /// Four numbers in [0, 1) of sample `index`: the `set`-th four-dimensional point. The first 2^k samples of a set are
-    /// stratified in all their dyadic boxes (Sobol).
+    /// stratified in all their dyadic boxes (Sobol), up to the number of samples that [`Sharing`] knows of.
     #[inline]
     pub fn point(&self, index: u32, set: u32) -> [f32; 4] {
         if self.kind == Sampler::Independent {
@@ -34,25 +46,44 @@ impl PixelSampler {
             let unit = |bits: u64| (bits >> 40) as f32 / (1u32 << 24) as f32;
             return [first, first << 24, hash::mix(first), hash::mix(first) << 24].map(unit);
         }
-        sobol_burley::sample_4d(index % SEQUENCE, 0, self.scramble(index, set))
+        let number = self.number(index, set);
+        sobol_burley::sample_4d(number as u32 % SEQUENCE, 0, self.scramble(number, set))
     }
 
-    /// Seed of the scramble of a set. Long renders go on with a new one every 2^16 samples.
-    #[inline]
-    pub(super) fn scramble(&self, index: u32, set: u32) -> u32 {
-        (hash::mix(self.base ^ (u64::from(index / SEQUENCE) << 32 | u64::from(set))) >> 32) as u32
+    /// The number of sample `index` in the sequence of a set.
+    #[inline(always)]
+    pub(crate) fn number(&self, index: u32, set: u32) -> u64 {
+        self.place_in(set).map_or(u64::from(index), |place| place.number(index, set))
     }
 
-    /// What tells this stream from others.
+    /// Seed of the scramble of a set at a number of its sequence. Long renders go on with a new one every 2^16 numbers.
     #[inline]
-    pub(crate) fn base(&self) -> u64 {
-        self.base
+    pub(super) fn scramble(&self, number: u64, set: u32) -> u32 {
+        (hash::mix(self.base(set) ^ (number / u64::from(SEQUENCE) << 32 | u64::from(set))) >> 32) as u32
+    }
+
+    /// What tells the sequence of a set from others.
+    #[inline(always)]
+    pub(crate) fn base(&self, set: u32) -> u64 {
+        self.place_in(set).map_or(self.base, Place::base)
+    }
+
+    /// The place among the pixels that share a set.
+    #[inline(always)]
+    fn place_in(&self, set: u32) -> Option<&Place> {
+        self.place.as_ref().filter(|_| set > 0)
     }
 
     #[inline]
     pub(crate) fn is_sobol(&self) -> bool {
         self.kind == Sampler::Sobol
     }
+}
+
+/// Seed of a frame's streams.
+#[inline]
+fn parent(seed: u64, frame: u64) -> u64 {
+    hash::child(hash::mix(seed), frame)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::chi_square::{Counts, Random, judge};
 use super::{Check, Effort, Outcome, Ticker, Worst};
 use crate::camera::Filter;
-use crate::sampler::PixelSampler;
+use crate::sampler::{PixelSampler, Sampler, Sharing};
 use rayon::prelude::*;
 
 /// Checks of this file.
@@ -22,6 +22,11 @@ pub const CHECKS: &[Check] = &[
         name: "sampler.strata",
         about: "the first 2^k samples of a pixel put one number into each of 2^k strata of every dimension",
         run: strata,
+    },
+    Check {
+        name: "sampler.blocks",
+        about: "the first 2^k samples of all pixels of a block together put one number into each of 16 x 2^k strata",
+        run: blocks,
     },
     Check { name: "filter.density", about: "pixel filters are drawn from their window (chi-square)", run: filter },
 ];
@@ -48,7 +53,22 @@ fn uniform(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
                 (0..4).map(|d| Counts::uniform(format!("sample {index}, set {set}, dimension {d}"), 256)).collect();
             for _ in 0..if ticker.cancelled() { 0 } else { draws } {
                 let (seed, frame, pixel) = any_pixel(&mut random);
-                let point = PixelSampler::new(seed, frame, pixel).point(index, set);
+                // Half of the pixels share a sequence with their block.
+                let sampler = match random.below(2) {
+                    0 => PixelSampler::new(seed, frame, pixel),
+                    _ => {
+                        let sharing = Sharing::new(1 << random.below(9), 1 << random.below(4), 1);
+                        PixelSampler::shared(
+                            Sampler::Sobol,
+                            seed,
+                            frame,
+                            (pixel as u32 % 4096, pixel as u32 / 4096),
+                            4096,
+                            sharing,
+                        )
+                    }
+                };
+                let point = sampler.point(index, set);
                 // A number outside 0..1 has no cell: it goes to the first and refutes it.
                 counts.iter_mut().zip(point).for_each(|(c, v)| c.add(cell(v, 256).unwrap_or(0)));
             }
@@ -73,6 +93,7 @@ fn pairs(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
         Set(u32),
         Sample(u32),
         Pixel(u64),
+        Block,
         Frame,
         Seed,
     }
@@ -87,6 +108,8 @@ fn pairs(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
         Other::Sample(1 << 20),
         Other::Pixel(1),
         Other::Pixel(1920),
+        // Not the neighbouring pixel of a block, for the same reason.
+        Other::Block,
         Other::Frame,
         Other::Seed,
     ] {
@@ -107,11 +130,19 @@ fn pairs(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
             for _ in 0..if ticker.cancelled() { 0 } else { draws } {
                 let (seed, frame, pixel) = any_pixel(&mut random);
                 let (index, set) = (random.below(64), random.below(6));
-                let first = PixelSampler::new(seed, frame, pixel).point(index, set);
+                let shared = |x: u32| {
+                    let at = (x + pixel as u32 % 4096, pixel as u32 / 4096);
+                    PixelSampler::shared(Sampler::Sobol, seed, frame, at, 4100, Sharing::new(16, 2, 1)).point(index, set)
+                };
+                let first = match other {
+                    Other::Block => shared(0),
+                    _ => PixelSampler::new(seed, frame, pixel).point(index, set),
+                };
                 let second = match other {
                     Other::Set(step) => PixelSampler::new(seed, frame, pixel).point(index, set + step),
                     Other::Sample(step) => PixelSampler::new(seed, frame, pixel).point(index + step, set),
                     Other::Pixel(step) => PixelSampler::new(seed, frame, pixel + step).point(index, set),
+                    Other::Block => shared(4),
                     Other::Frame => PixelSampler::new(seed, frame + 1, pixel).point(index, set),
                     Other::Seed => PixelSampler::new(seed + 1, frame, pixel).point(index, set),
                 };
@@ -150,6 +181,43 @@ fn strata(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
                     let empty = filled.iter().flatten().filter(|&&count| count != 1).count();
                     worst.see(empty as f64, || format!("pixel {pixel}, set {set}, {n} samples"));
                 }
+            }
+            ticker.add(1);
+            worst
+        })
+        .reduce(Worst::default, merged);
+    vec![worst.at_most("strata that do not hold exactly one number", 0.0)]
+}
+
+fn blocks(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
+    /// Pixels of a block.
+    const PIXELS: u32 = 16;
+    let blocks = effort.pick(100_u32, 3_000);
+    ticker.expect(blocks.into());
+    let worst = (0..blocks)
+        .into_par_iter()
+        .map(|block| {
+            let mut worst = Worst::default();
+            if ticker.cancelled() {
+                return worst;
+            }
+            let (rays, lights, branches) = [(1, 1, 1), (4, 2, 1), (8, 4, 2), (64, 2, 2)][block as usize % 4];
+            let sharing = Sharing::new(rays, lights, branches);
+            // Image points are not shared.
+            for set in 1..SETS {
+                let samples = rays * if set == 2 { lights } else { branches };
+                let n = (samples * PIXELS) as usize;
+                let mut filled = vec![[0_u8; 4]; n];
+                for (x, y) in (0..PIXELS).map(|i| (4 * block + i % 4, i / 4)) {
+                    let sampler = PixelSampler::shared(Sampler::Sobol, 11, 5, (x, y), 4 * blocks, sharing);
+                    for (index, d) in (0..samples).flat_map(|index| (0..4).map(move |d| (index, d))) {
+                        if let Some(i) = cell(sampler.point(index, set)[d], n) {
+                            filled[i][d] = filled[i][d].saturating_add(1);
+                        }
+                    }
+                }
+                let empty = filled.iter().flatten().filter(|&&count| count != 1).count();
+                worst.see(empty as f64, || format!("block {block}, set {set}, {samples} samples a pixel"));
             }
             ticker.add(1);
             worst
