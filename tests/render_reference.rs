@@ -35,7 +35,8 @@ fn a_reference_prints_the_error_at_every_doubling_and_changes_nothing() {
         .collect();
     assert_eq!(rows.iter().map(|r| r[0]).collect::<Vec<_>>(), [2.0, 4.0, 8.0, 12.0], "{table}");
     assert!(rows.windows(2).all(|pair| pair[1][1] > pair[0][1]), "seconds grow: {table}");
-    assert!(rows[3][3] < 0.5 * rows[0][3] && rows[3][6] > rows[0][6], "{table}");
+    // The trimmed error: one bright sample decides the other in a picture of 24 x 24 pixels.
+    assert!(rows[3][4] < 0.5 * rows[0][4] && rows[3][6] > rows[0][6], "{table}");
     for file in ["frame.0000.exr", "frame.0000.png"] {
         let [a, b] = ["plain", "watched"].map(|out| std::fs::read(folder.path().join(out).join(file)).unwrap());
         assert!(a == b, "{file}");
