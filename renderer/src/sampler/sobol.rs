@@ -59,7 +59,7 @@ impl PixelSampler {
     /// Seed of the scramble of a set at a number of its sequence. Long renders go on with a new one every 2^16 numbers.
     #[inline]
     pub(super) fn scramble(&self, number: u64, set: u32) -> u32 {
-        (hash::mix(self.base(set) ^ (number / u64::from(SEQUENCE) << 32 | u64::from(set))) >> 32) as u32
+        (hash::mix(self.base(set) ^ ((number / u64::from(SEQUENCE)) << 32 | u64::from(set))) >> 32) as u32
     }
 
     /// What tells the sequence of a set from others.
