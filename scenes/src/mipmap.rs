@@ -3,6 +3,9 @@
 //! Four bytes a texel (eight for 16-bit files) instead of twelve or sixteen of decoded floats: an 8k texture with its pyramid
 //! takes 358 MB, and look-ups touch a quarter of the cache lines. Halves are filtered in linear space and stored in the file's
 //! encoding.
+//!
+//! Alpha is one channel of four: it says something of the others only where a material has holes, for which there is
+//! [`Texture::weighed_by_alpha`]. Elsewhere it may be anything; a glossiness, for one.
 
 use rayon::prelude::*;
 use renderflow_frame::color::{linear_to_srgb, srgb_to_linear};
@@ -76,23 +79,7 @@ impl Texture {
         encoding: Encoding,
         wrap: [Wrap; 2],
     ) -> Self {
-        let decode: [f32; 256] = std::array::from_fn(|i| decode(encoding, i as f32 / 255.0));
-        let alpha: [f32; 256] = std::array::from_fn(|i| i as f32 / 255.0);
-        let read = |t: &[u8; 4]| {
-            [decode[usize::from(t[0])], decode[usize::from(t[1])], decode[usize::from(t[2])], alpha[usize::from(t[3])]]
-        };
-        let table = encoding_table::<255>(encoding, &BYTES);
-        let write = |v: [f32; 4]| match table {
-            // The cast is exact: the table ends at 255.
-            Some(table) => {
-                [table.encode(v[0]) as u8, table.encode(v[1]) as u8, table.encode(v[2]) as u8, quantise(v[3], 255.0) as u8]
-            }
-            None => pack(encoding, v).map(|v| quantise(v, 255.0) as u8),
-        };
-        let levels = pyramid(size, texels, read, write)
-            .map(|(width, height, texels)| Level { width, height, texels: Texels::Bytes(texels) })
-            .collect();
-        Self { name: name.into(), wrap, encoding, levels }
+        Self { name: name.into(), wrap, encoding, levels: bytes(size, texels, encoding, false) }
     }
 
     /// A texture of 16-bit RGBA texels, as [`Self::from_rgba8`].
@@ -106,21 +93,23 @@ impl Texture {
         encoding: Encoding,
         wrap: [Wrap; 2],
     ) -> Self {
-        let unit = |v: u16| f32::from(v) / 65535.0;
-        let decode: Vec<f32> = (0..=u16::MAX).map(|v| decode(encoding, unit(v))).collect();
-        let read = |t: &[u16; 4]| {
-            let [r, g, b] = [t[0], t[1], t[2]].map(|v| decode[usize::from(v)]);
-            [r, g, b, unit(t[3])]
+        Self { name: name.into(), wrap, encoding, levels: words(size, texels, encoding, false) }
+    }
+
+    /// The texture as the colour of a surface with holes: coarser levels hold the mean colour of what covers, each texel weighed
+    /// by its alpha, and a transparent texel of any level has the colour of what covers near it. So no look-up beside a hole or
+    /// from afar mixes in the colour that the file has in its holes, often black. Alpha stays as it is, and an image that is
+    /// transparent all over has its mean everywhere. `None` where nothing is transparent.
+    pub fn weighed_by_alpha(&self) -> Option<Self> {
+        if self.lowest_alpha() >= 1.0 {
+            return None;
+        }
+        let Level { width, height, texels } = self.levels.first()?;
+        let levels = match texels {
+            Texels::Bytes(texels) => bytes([*width, *height], texels.clone(), self.encoding, true),
+            Texels::Words(texels) => words([*width, *height], texels.clone(), self.encoding, true),
         };
-        let table = encoding_table::<65535>(encoding, &WORDS);
-        let write = |v: [f32; 4]| match table {
-            Some(table) => [table.encode(v[0]), table.encode(v[1]), table.encode(v[2]), quantise(v[3], 65535.0)],
-            None => pack(encoding, v).map(|v| quantise(v, 65535.0)),
-        };
-        let levels = pyramid(size, texels, read, write)
-            .map(|(width, height, texels)| Level { width, height, texels: Texels::Words(texels) })
-            .collect();
-        Self { name: name.into(), wrap, encoding, levels }
+        Some(Self { name: self.name.clone(), levels, ..*self })
     }
 
     /// Lowest alpha of the image, 0..=1; coarser levels and what lies between texels never go below it.
@@ -140,6 +129,43 @@ impl Texture {
         };
         self.levels.iter().map(level).sum()
     }
+}
+
+/// The levels of an image of 8 bits a channel.
+fn bytes(size: [usize; 2], texels: Vec<[u8; 4]>, encoding: Encoding, by_alpha: bool) -> Arc<[Level]> {
+    let decode: [f32; 256] = std::array::from_fn(|i| decode(encoding, i as f32 / 255.0));
+    let alpha: [f32; 256] = std::array::from_fn(|i| i as f32 / 255.0);
+    let read =
+        |t: &[u8; 4]| [decode[usize::from(t[0])], decode[usize::from(t[1])], decode[usize::from(t[2])], alpha[usize::from(t[3])]];
+    let table = encoding_table::<255>(encoding, &BYTES);
+    let write = |v: [f32; 4]| match table {
+        // The cast is exact: the table ends at 255.
+        Some(table) => {
+            [table.encode(v[0]) as u8, table.encode(v[1]) as u8, table.encode(v[2]) as u8, quantise(v[3], 255.0) as u8]
+        }
+        None => pack(encoding, v).map(|v| quantise(v, 255.0) as u8),
+    };
+    pyramid(size, texels, read, write, by_alpha)
+        .map(|(width, height, texels)| Level { width, height, texels: Texels::Bytes(texels) })
+        .collect()
+}
+
+/// The levels of an image of 16 bits a channel.
+fn words(size: [usize; 2], texels: Vec<[u16; 4]>, encoding: Encoding, by_alpha: bool) -> Arc<[Level]> {
+    let unit = |v: u16| f32::from(v) / 65535.0;
+    let decode: Vec<f32> = (0..=u16::MAX).map(|v| decode(encoding, unit(v))).collect();
+    let read = |t: &[u16; 4]| {
+        let [r, g, b] = [t[0], t[1], t[2]].map(|v| decode[usize::from(v)]);
+        [r, g, b, unit(t[3])]
+    };
+    let table = encoding_table::<65535>(encoding, &WORDS);
+    let write = |v: [f32; 4]| match table {
+        Some(table) => [table.encode(v[0]), table.encode(v[1]), table.encode(v[2]), quantise(v[3], 65535.0)],
+        None => pack(encoding, v).map(|v| quantise(v, 65535.0)),
+    };
+    pyramid(size, texels, read, write, by_alpha)
+        .map(|(width, height, texels)| Level { width, height, texels: Texels::Words(texels) })
+        .collect()
 }
 
 /// The value that a stored colour channel, 0..=1, stands for.
@@ -234,34 +260,76 @@ pub(crate) fn srgb_byte(v: f32) -> u8 {
     BYTES.get_or_init(EncodeTable::new).encode(v) as u8
 }
 
-/// All levels, the given one first.
-fn pyramid<T: Copy + Send + Sync>(
+/// All levels, the given one first; their colours as [`Texture::weighed_by_alpha`] says where that is asked for.
+fn pyramid<C: Copy + Default + PartialEq + Send + Sync>(
     [width, height]: [usize; 2],
-    texels: Vec<T>,
-    read: impl Fn(&T) -> [f32; 4] + Sync,
-    write: impl Fn([f32; 4]) -> T + Sync,
-) -> impl Iterator<Item = (usize, usize, Vec<T>)> {
+    texels: Vec<[C; 4]>,
+    read: impl Fn(&[C; 4]) -> [f32; 4] + Sync,
+    write: impl Fn([f32; 4]) -> [C; 4] + Sync,
+    by_alpha: bool,
+) -> impl Iterator<Item = (usize, usize, Vec<[C; 4]>)> {
     assert!(width > 0 && height > 0 && texels.len() == width * height, "{width} x {height} texels, not {}", texels.len());
     let mut levels = vec![(width, height, texels)];
     while let Some((w, h, texels)) = levels.last().filter(|(w, h, _)| *w > 1 || *h > 1) {
         let half = shrink((*w, *h), texels, &read, &write);
         levels.push(half);
     }
+    if by_alpha {
+        weigh(&mut levels, &read, &write);
+    }
     levels.into_iter()
 }
 
+/// The colours of [`Texture::weighed_by_alpha`], in place of those of a plain mean.
+fn weigh<C: Copy + Default + PartialEq + Send + Sync>(
+    levels: &mut [(usize, usize, Vec<[C; 4]>)],
+    read: &(impl Fn(&[C; 4]) -> [f32; 4] + Sync),
+    write: &(impl Fn([f32; 4]) -> [C; 4] + Sync),
+) {
+    let recolor = |texel: &mut [C; 4], color: [C; 4]| texel[..3].copy_from_slice(&color[..3]);
+    // Upwards go means of colour times alpha and of alpha, in full precision: where little covers, the alpha stored ends at 0.
+    let mut sums: Vec<[f32; 4]> = vec![];
+    for k in 1..levels.len() {
+        let (width, height, texels) = &levels[k - 1];
+        let size = (*width, *height);
+        let covering = |texel: &[C; 4]| {
+            let [r, g, b, a] = read(texel);
+            [r * a, g * a, b * a, a]
+        };
+        (_, _, sums) = match k {
+            1 => shrink(size, texels, &covering, &|sum| sum),
+            _ => shrink(size, &sums, &|sum| *sum, &|sum| sum),
+        };
+        levels[k].2.par_iter_mut().zip(&sums).for_each(|(texel, &[r, g, b, a])| {
+            if a > 0.0 {
+                recolor(texel, write([r / a, g / a, b / a, a]));
+            }
+        });
+    }
+    // Downwards go the colours of transparent texels: that of the coarser texel about them, which by then has one.
+    for k in (1..levels.len()).rev() {
+        let (finer, coarser) = levels.split_at_mut(k);
+        let ((width, _, texels), (w, h, colors)) = (&mut finer[k - 1], &coarser[0]);
+        texels.par_chunks_mut(*width).enumerate().for_each(|(y, row)| {
+            for (x, texel) in row.iter_mut().enumerate().filter(|(_, texel)| texel[3] == C::default()) {
+                recolor(texel, colors[(y / 2).min(h - 1) * w + (x / 2).min(w - 1)]);
+            }
+        });
+    }
+}
+
 /// Half of a level: every texel is the mean over exactly the area it covers, odd sizes included.
-fn shrink<T: Copy + Send + Sync>(
+fn shrink<T: Sync, U: Copy + Send>(
     (width, height): (usize, usize),
     texels: &[T],
     read: &(impl Fn(&T) -> [f32; 4] + Sync),
-    write: &(impl Fn([f32; 4]) -> T + Sync),
-) -> (usize, usize, Vec<T>) {
+    write: &(impl Fn([f32; 4]) -> U + Sync),
+) -> (usize, usize, Vec<U>) {
     let (w, h) = ((width / 2).max(1), (height / 2).max(1));
     let even = width == 2 * w && height == 2 * h;
     let columns: Vec<_> = (0..w).map(|x| covered(x, width, w)).collect();
-    let mut result = vec![texels[0]; w * h];
-    let row = |y: usize, row: &mut [T]| {
+    let mut result = vec![write([0.0; 4]); w * h];
+    let row = |y: usize, row: &mut [U]| {
         if even {
             let (above, below) = texels[2 * y * width..(2 * y + 2) * width].split_at(width);
             for ((texel, a), b) in row.iter_mut().zip(above.chunks_exact(2)).zip(below.chunks_exact(2)) {
@@ -369,5 +437,62 @@ mod tests {
     fn odd_sizes_weigh_by_area() {
         let texture = Texture::from_rgba8("t", [3, 1], vec![[30; 4], [60; 4], [120; 4]], Encoding::Linear, Default::default());
         assert_eq!(grey(&texture.levels[1]), [70]);
+    }
+
+    /// Colours and alphas of all levels.
+    fn texels(texture: &Texture) -> Vec<Vec<[u8; 4]>> {
+        let texels = |level: &Level| match &level.texels {
+            Texels::Bytes(texels) => texels.clone(),
+            Texels::Words(texels) => texels.iter().map(|texel| texel.map(|v| (v >> 8) as u8)).collect(),
+        };
+        texture.levels.iter().map(texels).collect()
+    }
+
+    fn alphas(texture: &Texture) -> Vec<Vec<u8>> {
+        texels(texture).iter().map(|level| level.iter().map(|texel| texel[3]).collect()).collect()
+    }
+
+    /// One colour on holes of any other is that colour in every texel of every level, also where so little covers that the alpha
+    /// stored is 0, and alpha is what it is without weights.
+    #[test]
+    fn the_colour_of_holes_is_nowhere() {
+        let patterns: [fn(usize, usize) -> bool; 2] = [|x, y| (x, y) == (5, 2), |x, y| (x / 2 + y / 2).is_multiple_of(2)];
+        for size in [[64, 64], [48, 20], [37, 61], [1, 7], [6, 3]] {
+            for (covers, encoding) in patterns.into_iter().zip([Encoding::Srgb, Encoding::Linear]) {
+                let at = |i: usize| covers(i % size[0], i / size[0]);
+                let bytes = (0..size[0] * size[1]).map(|i| if at(i) { [200, 90, 255, 255] } else { [0, 30, 7, 0] });
+                let bytes: Vec<[u8; 4]> = bytes.collect();
+                let words = bytes.iter().map(|texel| texel.map(|v| u16::from(v) * 257)).collect();
+                let of_words = Texture::from_rgba16("t", size, words, encoding, Default::default());
+                for plain in [Texture::from_rgba8("t", size, bytes.clone(), encoding, Default::default()), of_words] {
+                    let weighed = plain.weighed_by_alpha().expect("there are holes");
+                    let covered = bytes.iter().any(|texel| texel[3] > 0);
+                    let right = |texel: &[u8; 4]| texel[..3].iter().zip([200, 90, 255]).all(|(a, b)| a.abs_diff(b) <= 1);
+                    assert!(!covered || texels(&weighed).iter().flatten().all(right), "{size:?} {encoding:?}");
+                    assert_eq!(alphas(&weighed), alphas(&plain));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn colours_are_weighed_by_how_much_covers() {
+        let linear = |texels: &[[u8; 4]]| {
+            Texture::from_rgba8("t", [texels.len(), 1], texels.to_vec(), Encoding::Linear, Default::default())
+        };
+        let pair = linear(&[[255, 0, 100, 255], [0, 255, 100, 85]]).weighed_by_alpha().expect("a half covers");
+        // Three parts of the first, one of the second; what covers at all keeps its colour.
+        assert_eq!(texels(&pair), [vec![[255, 0, 100, 255], [0, 255, 100, 85]], vec![[191, 64, 100, 170]]]);
+        let uneven = linear(&[[200, 0, 0, 255], [9, 9, 9, 0], [0, 0, 200, 255]]).weighed_by_alpha().expect("a hole");
+        assert_eq!(texels(&uneven), [vec![[200, 0, 0, 255], [100, 0, 100, 0], [0, 0, 200, 255]], vec![[100, 0, 100, 170]]]);
+        // The colour of a transparent texel is that of the nearest block that something covers.
+        let row = linear(&[[10, 0, 0, 255], [0; 4], [0; 4], [0; 4], [30, 0, 0, 255], [0; 4], [0; 4], [0; 4]]);
+        let row = row.weighed_by_alpha().expect("holes");
+        assert_eq!(grey(&row.levels[0]), [10, 10, 10, 10, 30, 30, 30, 30]);
+        assert_eq!(grey(&row.levels[3]), [20]);
+        // Where nothing covers, nothing is known but the plain mean; where all does, there is nothing to do.
+        let nothing = linear(&[[10, 0, 0, 0], [30, 0, 0, 0]]).weighed_by_alpha().expect("holes");
+        assert_eq!(texels(&nothing)[1], [[20, 0, 0, 0]]);
+        assert_eq!(linear(&[[10, 0, 0, 255], [30, 0, 0, 255]]).weighed_by_alpha(), None);
     }
 }

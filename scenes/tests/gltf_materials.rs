@@ -122,6 +122,67 @@ fn alpha_modes() {
     assert_eq!(material.alpha_mask, Some(AlphaMask { cutoff: 1.5, factor: 1.0 }));
 }
 
+/// Opacity in the colours of vertices counts (glTF 2.0, section 3.9.2: they multiply the base colour, alpha included), for the
+/// materials that are on such a mesh.
+#[test]
+fn opacity_of_vertices_is_kept() {
+    let read = |mode: &str, alphas: [f32; 4], factor: f32| {
+        let colors: Vec<f32> = alphas.iter().flat_map(|&alpha| [1.0, 1.0, 1.0, alpha]).collect();
+        let mut file = document(&[(FLOAT, "VEC3", 4, false, bytes(&STRIP)), (FLOAT, "VEC4", 4, false, bytes(&colors))]);
+        let square = |material: usize, attributes: Value| json!({ "mode": 5, "material": material, "attributes": attributes });
+        file["meshes"][0]["primitives"] =
+            json!([square(0, json!({ "POSITION": 0, "COLOR_0": 1 })), square(1, json!({ "POSITION": 0 }))]);
+        let material = json!({ "alphaMode": mode, "pbrMetallicRoughness": { "baseColorFactor": [1, 1, 1, factor] } });
+        file["materials"] = json!([material, material]);
+        let scene = File::new(&file).load().unwrap();
+        let [with, without] = [0, 1].map(|i| scene.materials[scene.instances[i].material].clone());
+        assert_eq!((without.alpha_mask, without.opacity), (None, None), "no colours, no holes");
+        (with.alpha_mask, with.opacity, scene.report.alpha_masked, scene.report.blended)
+    };
+    assert_eq!(read("BLEND", [0.3; 4], 1.0), (None, Some(1.0), 0, 1));
+    assert_eq!(read("MASK", [0.3; 4], 1.0), (Some(AlphaMask { cutoff: 0.5, factor: 1.0 }), None, 1, 0));
+    // The least of them decides.
+    assert_eq!(read("BLEND", [1.0, 1.0, 0.9, 1.0], 1.0), (None, Some(1.0), 0, 1));
+    assert_eq!(read("MASK", [1.0, 0.7, 1.0, 1.0], 0.75).0, None);
+    assert_eq!(read("MASK", [1.0, 0.6, 1.0, 1.0], 0.75).0, Some(AlphaMask { cutoff: 0.5, factor: 0.75 }));
+    assert_eq!(read("BLEND", [1.0; 4], 1.0), (None, None, 0, 0));
+    assert_eq!(read("OPAQUE", [0.3; 4], 1.0), (None, None, 0, 0));
+}
+
+/// What is transparent takes the colour of what covers beside it, in the texture that holes are seen in and nowhere else.
+#[test]
+fn colours_in_holes_are_not_mixed_in() {
+    let pixels = [[200, 100, 50, 255], [0, 0, 0, 0]];
+    let filled = Texels::Bytes(vec![[200, 100, 50, 255], [200, 100, 50, 0]]);
+    let texture = |scene: &LoadedScene, slot: &Option<renderflow_scenes::TextureSlot>| {
+        scene.textures[slot.as_ref().unwrap().texture].levels.iter().map(|level| level.texels.clone()).collect::<Vec<_>>()
+    };
+    for mode in ["MASK", "BLEND"] {
+        let mut described = json!({ "alphaMode": mode, "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } });
+        let (material, _, scene) = read(described.clone(), &[&pixels]);
+        let levels = texture(&scene, &material.base_color_texture);
+        assert_eq!(
+            (&levels, scene.textures.len()),
+            (&vec![filled.clone(), Texels::Bytes(vec![[200, 100, 50, 128]])], 1),
+            "{mode}"
+        );
+        // Light of the same image that lies alike has the same holes; light that lies otherwise is seen where they are not.
+        described["emissiveFactor"] = json!([1, 1, 1]);
+        described["emissiveTexture"] = json!({ "index": 0 });
+        let (material, _, scene) = read(described.clone(), &[&pixels]);
+        assert_eq!((&material.emissive_texture, scene.textures.len()), (&material.base_color_texture, 1), "{mode}");
+        assert_eq!(texture(&scene, &material.emissive_texture), levels, "{mode}");
+        described["emissiveTexture"]["extensions"] = json!({ "KHR_texture_transform": { "offset": [0.5, 0] } });
+        let (material, _, scene) = read(described, &[&pixels]);
+        assert_eq!((texture(&scene, &material.base_color_texture), scene.textures.len()), (levels, 2), "{mode}");
+        assert_eq!(texture(&scene, &material.emissive_texture)[0], Texels::Bytes(pixels.to_vec()), "{mode}");
+    }
+    // What is opaque has none.
+    let opaque = json!({ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } });
+    let (material, _, scene) = read(opaque, &[&pixels]);
+    assert_eq!(texture(&scene, &material.base_color_texture)[0], Texels::Bytes(pixels.to_vec()));
+}
+
 #[test]
 fn alpha_of_the_image_is_kept() {
     let color = json!({ "alphaMode": "MASK", "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } });

@@ -60,6 +60,7 @@ fn build(scene: &Scene, reach: &Reach, everything: bool) -> Result<LoadedScene> 
     build.note_hollow();
     build.mirror();
     build.drop_idle_masks();
+    build.weigh_colors();
     build.meshes.iter_mut().for_each(Mesh::settle);
     Ok(LoadedScene {
         name: scene.name.clone(),
@@ -343,8 +344,16 @@ impl<'a> Build<'a> {
 
     /// Takes masks away that cut nothing and opacities that cover everything, and counts those that stay.
     fn drop_idle_masks(&mut self) {
-        for material in &mut self.materials {
+        let of_mesh = |mesh: &Mesh| mesh.colors.iter().map(|color| color.w).fold(1.0, f32::min);
+        let of_meshes: Vec<f32> = self.meshes.iter().map(of_mesh).collect();
+        let mut least_alphas = vec![1.0_f32; self.materials.len()];
+        for Instance { mesh, material, .. } in &self.instances {
+            least_alphas[*material] = least_alphas[*material].min(of_meshes[*mesh]);
+        }
+        for (material, least_alpha) in self.materials.iter_mut().zip(least_alphas) {
             let lowest = material.base_color_texture.as_ref().map_or(1.0, |slot| self.textures[slot.texture].lowest_alpha());
+            // As the renderer multiplies them.
+            let lowest = lowest * least_alpha;
             if let Some(AlphaMask { cutoff, factor }) = material.alpha_mask {
                 if factor * lowest >= cutoff {
                     material.alpha_mask = None;
@@ -358,6 +367,36 @@ impl<'a> Build<'a> {
                 } else {
                     self.report.blended += 1;
                 }
+            }
+        }
+    }
+
+    /// Keeps the colour that textures have in holes out of what is seen beside them; light that lies as the colour does has the
+    /// same holes. A texture that something else looks at too, for which alpha means nothing, stays, and the material with holes
+    /// gets one of its own.
+    fn weigh_colors(&mut self) {
+        let has_holes = |material: &Material| material.alpha_mask.is_some() || material.opacity.is_some();
+        let mut others = self.materials.clone();
+        for material in others.iter_mut().filter(|material| has_holes(material)) {
+            let color = material.base_color_texture.take();
+            material.emissive_texture.take_if(|light| color.as_ref() == Some(light));
+        }
+        let shared = images::looked_at(&others, self.textures.len());
+        let mut known = HashMap::new();
+        for material in self.materials.iter_mut().filter(|material| has_holes(material)) {
+            let Some(slot) = &mut material.base_color_texture else { continue };
+            let light = material.emissive_texture.as_mut().filter(|light| **light == *slot);
+            slot.texture = *known.entry(slot.texture).or_insert_with_key(|&texture| {
+                let Some(weighed) = self.textures[texture].weighed_by_alpha() else { return texture };
+                if !shared[texture] {
+                    self.textures[texture] = weighed;
+                    return texture;
+                }
+                self.textures.push(weighed);
+                self.textures.len() - 1
+            });
+            if let Some(light) = light {
+                light.texture = slot.texture;
             }
         }
     }
