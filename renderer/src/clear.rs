@@ -108,7 +108,24 @@ impl Straight {
 
     /// Goes on through panes, by chance, until something else is met or a pane mirrors.
     #[inline(always)]
-    pub fn go_on<F: Features>(mut self, scene: &RenderScene, scratch: &mut Scratch) -> Self {
+    pub fn go_on<F: Features>(self, scene: &RenderScene, scratch: &mut Scratch) -> Self {
+        self.go_on_by(scene, scratch, |ray, scratch| scene.trace_noting::<F>(ray, scratch))
+    }
+
+    /// As [`Self::go_on`], to where a path stopped on the triangle `landed` ([`RenderScene::trace_to`]). Single-sided surfaces
+    /// passed from behind are not noted.
+    #[inline(always)]
+    pub fn go_on_to<F: Features>(self, scene: &RenderScene, landed: (u32, u32), scratch: &mut Scratch) -> Self {
+        self.go_on_by(scene, scratch, |ray, scratch| (scene.trace_to::<F>(ray, landed, scratch), false))
+    }
+
+    #[inline(always)]
+    fn go_on_by(
+        mut self,
+        scene: &RenderScene,
+        scratch: &mut Scratch,
+        trace: impl Fn(&Ray, &mut Scratch) -> (Option<Hit>, bool),
+    ) -> Self {
         if !scene.features().panes {
             return self;
         }
@@ -124,7 +141,7 @@ impl Straight {
             self.weight *= share / passes;
             self.before += hit.t;
             self.ray = scene.geometry.behind(&hit, self.ray.direction);
-            let (next, through) = scene.trace_noting::<F>(&self.ray, scratch);
+            let (next, through) = trace(&self.ray, scratch);
             self.hit = next;
             self.through |= through;
         }

@@ -121,6 +121,14 @@ impl CompiledMaterial {
         self.base_color_texture.is_some() || self.has_colors() || self.normal_texture.is_some()
     }
 
+    /// The BSDF, `None` where it changes from place to place: by a texture, by colours of vertices, or because the material is
+    /// anisotropic and not `directed` everywhere.
+    fn prepared(&self, directed: bool) -> Option<Prepared> {
+        let slots = [&self.base_color_texture, &self.metallic_roughness_texture, &self.transmission_texture];
+        let same = slots.iter().all(|slot| slot.is_none()) && (directed || self.surface.anisotropic == 0.0);
+        (same && !self.has_colors()).then(|| Prepared::new(&self.surface))
+    }
+
     /// Whether every ray that meets the surface stops there, from either side.
     #[inline(always)]
     pub fn is_solid(&self) -> bool {
@@ -227,8 +235,8 @@ impl RenderScene {
             if made.surface != old.surface {
                 changed = true;
                 *old = made;
-                if let Some(bsdf) = self.bsdfs.get_mut().and_then(|bsdfs| bsdfs[*number].as_mut()) {
-                    *bsdf = Prepared::new(&old.surface);
+                if let Some(bsdfs) = self.bsdfs.get_mut() {
+                    bsdfs[*number] = old.prepared(self.geometry.directs(*number));
                 }
             }
         }
@@ -381,7 +389,8 @@ impl RenderScene {
     }
 
     /// Gives material `number` other parameters, each limited to 0..=1, and keeps its textures. It no longer changes along the
-    /// sequence. Where no material of the scene was anisotropic when it was compiled, anisotropy has no direction and no effect.
+    /// sequence. Anisotropy has no effect where the mesh has no tangents, or where the material had neither anisotropy nor a
+    /// normal map when the scene was compiled.
     ///
     /// # Errors
     /// When there is no such material.
@@ -393,8 +402,8 @@ impl RenderScene {
         self.changing.retain(|(changing, _)| *changing != number);
         material.surface = surface.clamped();
         material.clear = Clear::of(&material.surface, material.thin_walled, material.metallic_roughness_texture.is_some());
-        if let Some(bsdf) = self.bsdfs.get_mut().and_then(|bsdfs| bsdfs[number].as_mut()) {
-            *bsdf = Prepared::new(&material.surface);
+        if let Some(bsdfs) = self.bsdfs.get_mut() {
+            bsdfs[number] = material.prepared(self.geometry.directs(number));
         }
         self.features = features(&self.materials, &self.geometry.instances, self.lights.environment(), &self.punctual);
         Ok(())
@@ -427,16 +436,10 @@ impl RenderScene {
         &self.light
     }
 
-    /// The BSDF of each material, `None` where a texture or colours of vertices change it from place to place. Made on first use,
-    /// on this thread alone.
+    /// The BSDF of each material, `None` where it changes from place to place. Made on first use, on this thread alone.
     pub(crate) fn bsdfs(&self) -> &[Option<Prepared>] {
-        self.bsdfs.get_or_init(|| {
-            let same = |m: &CompiledMaterial| {
-                let slots = [&m.base_color_texture, &m.metallic_roughness_texture, &m.transmission_texture];
-                !m.has_colors() && slots.iter().all(|slot| slot.is_none())
-            };
-            self.materials.iter().map(|m| same(m).then(|| Prepared::new(&m.surface))).collect()
-        })
+        let prepared = |(number, material): (usize, &CompiledMaterial)| material.prepared(self.geometry.directs(number));
+        self.bsdfs.get_or_init(|| self.materials.iter().enumerate().map(prepared).collect())
     }
 
     /// Factor from scene radiance to display-linear, from the environment alone ([`Light::exposure`]).

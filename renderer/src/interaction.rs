@@ -57,7 +57,7 @@ pub struct Interaction {
     pub n: Vec3A,
     /// Unit shading normal (interpolated, mapped); `ns . wo > 0`.
     pub ns: Vec3A,
-    /// Direction of anisotropy in the surface, not perpendicular to `ns`, not unit; zero where it does not matter.
+    /// Direction of anisotropy in the surface, not perpendicular to `ns`, not unit; zero where there is no anisotropy.
     pub tangent: Vec3A,
     /// Material at this point.
     pub surface: Principled,
@@ -126,15 +126,17 @@ impl Interaction {
         {
             ns = map_normal(ns, tangent, handedness, Vec3A::from_vec4(texture(slot)), *strength);
         }
-        let tangent = if WHOLE && F::FULL && material.surface.anisotropic > 0.0 {
-            let direction = |(tangent, handedness)| turned(tangent, ns, handedness, material.anisotropy_rotation);
-            geometry.tangent(hit).map_or(Vec3A::ZERO, direction)
-        } else {
-            Vec3A::ZERO
-        };
+        let mut surface = material.surface;
+        let mut tangent = Vec3A::ZERO;
+        if WHOLE && F::FULL && surface.anisotropic > 0.0 {
+            match geometry.tangent(hit) {
+                Some((direction, handedness)) => tangent = turned(direction, ns, handedness, material.anisotropy_rotation),
+                // No direction is better than another. The BSDF is then made here: see `CompiledMaterial::prepared`.
+                None => surface.anisotropic = 0.0,
+            }
+        }
         let ns = face_viewer(ns * side, n, wo);
 
-        let mut surface = material.surface;
         if F::TEXTURES {
             if let Some(slot) = &material.base_color_texture {
                 surface.base_color *= Vec3A::from_vec4(texture(slot));

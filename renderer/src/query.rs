@@ -164,6 +164,29 @@ impl RenderScene {
         self.geometry.closest(ray, scratch)
     }
 
+    /// As [`Self::trace`], for a ray to where a path stopped on a triangle, which is `landed` to [`Geometry::locate`]: it stops
+    /// there too, and only what lies before is left to chance. A second chance would count the surface's coverage twice.
+    #[inline(always)]
+    pub(crate) fn trace_to<F: Features>(&self, ray: &Ray, landed: (u32, u32), scratch: &mut Scratch) -> Option<Hit> {
+        if F::FULL && self.features().blended {
+            self.trace_to_blended(ray, landed, scratch)
+        } else {
+            self.trace::<F>(ray, scratch)
+        }
+    }
+
+    /// Out of line, so that one loop serves all sets of features.
+    #[inline(never)]
+    fn trace_to_blended(&self, ray: &Ray, landed: (u32, u32), scratch: &mut Scratch) -> Option<Hit> {
+        #[cfg(feature = "record")]
+        crate::record::ray(ray, false);
+        self.geometry.closest_where(ray, scratch, |candidate| {
+            let material = &self.materials[self.geometry.material(&candidate.hit)];
+            let there = || self.geometry.locate(&candidate.hit) == landed || self.meets::<SAMPLE>(material, ray, &candidate.hit);
+            (candidate.front || material.both_sides()) && there()
+        })
+    }
+
     /// As [`Self::trace`], for a ray that decides what is seen at a point: blended surfaces are there where they cover at least
     /// one half.
     #[inline(always)]

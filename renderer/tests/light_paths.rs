@@ -281,6 +281,43 @@ fn single_sided_surfaces_are_the_same_from_both_ends() {
     }
 }
 
+/// A blended surface stops a light path by chance where that lands, once: the ray that joins it to the camera stops there too.
+#[test]
+fn blended_surfaces_stop_light_paths_once() {
+    let at = |x: f32, y: f32, scale: Vec3| Affine3A::from_scale_rotation_translation(scale, Quat::IDENTITY, Vec3::new(x, y, 0.0));
+    let ball = (sphere(16, true), glass(0.45), at(-0.3, 0.8, Vec3::splat(0.4)));
+    let faint = (ball.0.clone(), Material { opacity: Some(0.7), ..ball.1.clone() }, ball.2);
+    let wall = (cube(1.0, true), metal(0.3), at(-0.5, 0.5, Vec3::new(0.1, 1.0, 1.0)));
+    // Between the camera and the floor, out of the lamp's way.
+    let before = at(1.2, 1.5, Vec3::ONE);
+    let tint = Principled { base_color: Vec3A::new(0.9, 0.6, 0.5), roughness: 0.0, ..glass(0.0).surface };
+    let pane = (plane(1.5), Material { thin_walled: true, ..Material::from(tint) }, before);
+    let veil = (plane(1.5), Material { opacity: Some(0.5), ..diffuse([0.0; 3]) }, before);
+    let (above, aside) = (Vec3::new(-0.8, 2.0, 0.0), Vec3::new(1.0, 1.2, 0.0));
+    // A second chance leaves .4 of the light below the balls, and .95 of that beside the wall.
+    let cases = [
+        ("glass", vec![ball.clone()], above, 0.08),
+        ("faint glass", vec![faint], above, 0.08),
+        ("behind a pane", vec![ball.clone(), pane], above, 0.08),
+        ("behind a veil", vec![ball, veil], above, 0.08),
+        ("metal", vec![wall], aside, 0.02),
+    ];
+    for (name, mut parts, lamp, tolerance) in cases {
+        parts.push((plane(14.0), Material { opacity: Some(0.3), ..diffuse([0.8; 3]) }, Affine3A::IDENTITY));
+        let look = camera([1.6, 2.2, 0.0], [0.3, 0.0, 0.0], 20.0, 16, 16);
+        let mut loaded = scene(parts, Environment::constant([0.0; 3]), look);
+        let kind = PunctualKind::Point { intensity: [10.0; 3] };
+        let transforms = vec![Affine3A::from_translation(lamp)];
+        loaded.lights = vec![PunctualLight { name: String::new(), kind, profile: None, transforms }];
+        let compiled = compile(&loaded);
+        let render = |light_paths, spp| render_with(&compiled, &Settings { light_paths, spp, ..Settings::default() });
+        let ((with, stats), (without, _)) = (render(true, 4096), render(false, 8192));
+        let ratio = mean(&with) / mean(&without);
+        println!("{name}: {ratio}");
+        assert!(stats.light_paths > 0 && (ratio - 1.0).abs() < tolerance, "{name}: {ratio}");
+    }
+}
+
 fn mean(frame: &Frame) -> f64 {
     let raw = frame.raw.as_ref().expect("a picture");
     raw.pixels.iter().flatten().map(|&v| f64::from(v)).sum::<f64>() / (3 * raw.pixels.len()) as f64

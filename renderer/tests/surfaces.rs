@@ -2,10 +2,10 @@
 
 mod common;
 
-use common::{camera, compile, diffuse, plane, render, render_with, scene, sphere};
+use common::{camera, compile, diffuse, furthest, plane, render, render_with, scene, sphere};
 use glam::{Affine2, Affine3A, Quat, Vec2, Vec3, Vec3A, Vec4};
 use renderflow_frame::{Camera, Environment, Frame, Image};
-use renderflow_renderer::{DirectLight, RenderScene, Settings, Sharing, render_gbuffer};
+use renderflow_renderer::{DirectLight, Mode, RenderScene, Settings, Sharing, Skips, render_gbuffer};
 use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
 use renderflow_scenes::{LoadedScene, Material, Mesh, Principled, TextureSlot};
 
@@ -298,6 +298,44 @@ fn brushed_metal_stretches_highlights_along_the_tangent() {
     assert!((along[0] / across[1] - 1.0).abs() < 0.05 && (along[1] / across[0] - 1.0).abs() < 0.05);
     for other in [back, opposite] {
         assert!((0..2).all(|i| (other[i] / along[i] - 1.0).abs() < 0.05), "{other:?}");
+    }
+}
+
+/// Without tangents highlights have no direction: brushed metal looks as if it were not brushed, whatever else it is on.
+#[test]
+fn nothing_is_brushed_without_tangents() {
+    let brushed = |anisotropic: f32| {
+        let base_color = Vec3A::from_array([0.9; 3]);
+        Principled { metallic: 1.0, roughness: 0.4, anisotropic, base_color, ..Principled::default() }
+    };
+    // One material on two squares: the one on the left has tangents, and the one on the right has not.
+    let squares = |anisotropic: f32, x: f32| {
+        let part = |mesh: Mesh, x: f32| (mesh, Material::from(brushed(anisotropic)), Affine3A::from_translation(Vec3::X * x));
+        let bare = Mesh { uvs: Vec::new(), ..plane(2.0) };
+        let look = camera([x, 1.5, 2.0], [x, 0.0, 0.0], 20.0, 24, 16);
+        let mut loaded = scene(vec![part(tangents(plane(2.0)), -3.0), part(bare, 3.0)], common::sunny(), look);
+        loaded.instances[1].material = 0;
+        loaded
+    };
+    for bsdf in [Mode::Conserving, Mode::Published] {
+        // Compiled for the same features, so that roundings do not differ.
+        let skips = Skips { feature_sets: false, ..Skips::ALL };
+        let settings = Settings { spp: 16, max_bounces: 1, bsdf, skips, ..Settings::default() };
+        let picture = |scene: &RenderScene| render_with(scene, &settings).0;
+        let [left, right] = [-3.0, 3.0].map(|x| {
+            let made = [0.0, 0.9].map(|anisotropic| picture(&compile(&squares(anisotropic, x))));
+            assert!(made[0].object_id.pixels.iter().all(|&id| id == if x < 0.0 { 1 } else { 2 }), "{x} fills the picture");
+            furthest(&made[0], &made[1])
+        });
+        assert!(left > 0.01 && right < 1e-3 * left, "{bsdf:?}: {left} with tangents, {right} without");
+        // Of a material that becomes anisotropic later, no square has tangents.
+        for x in [-3.0, 3.0] {
+            let mut compiled = compile(&squares(0.0, x));
+            let before = picture(&compiled);
+            compiled.set_surface(0, &brushed(0.9)).expect("a material");
+            let apart = furthest(&before, &picture(&compiled));
+            assert!(apart < 1e-3 * left, "{bsdf:?}, {x}: {apart}");
+        }
     }
 }
 

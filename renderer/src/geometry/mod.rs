@@ -103,6 +103,8 @@ pub(crate) struct Geometry {
     /// Colours of flattened vertices, white where a mesh has none; empty when no mesh has any.
     colors: Vec<[f32; 4]>,
     placed: Vec<PlacedInstance>,
+    /// Whether every instance on a material has tangents, by material.
+    directed: Vec<bool>,
     pub instances: Vec<Instance>,
     meshes: Vec<Mesh>,
     wanted: Wanted,
@@ -139,7 +141,7 @@ impl Geometry {
             meshes[*mesh].triangles.len() - kept.len()
         };
         let dropped = object_of.iter().flatten().map(left_out).sum();
-        let placed = instances
+        let placed: Vec<PlacedInstance> = instances
             .iter()
             .map(|instance| {
                 let mesh = &meshes[instance.mesh];
@@ -151,6 +153,8 @@ impl Geometry {
                 }
             })
             .collect();
+        let mut directed = vec![true; wanted.tangents.len()];
+        placed.iter().for_each(|instance| directed[instance.material] &= instance.tangents);
         let mut geometry = Self {
             flat: Accel::build(&[]),
             shared: None,
@@ -163,6 +167,7 @@ impl Geometry {
             tangents: Vec::new(),
             colors: Vec::new(),
             placed,
+            directed,
             instances,
             meshes,
             wanted,
@@ -291,6 +296,11 @@ impl Geometry {
     /// Whether an instance is ever placed elsewhere than at frame 0, or its mesh deforms.
     pub fn moves(&self) -> bool {
         self.instances.iter().any(|instance| instance.transforms.len() > 1 || self.meshes[instance.mesh].deforms())
+    }
+
+    /// Whether every instance on a material has tangents, so that anisotropy has a direction everywhere on it.
+    pub fn directs(&self, material: usize) -> bool {
+        self.directed[material]
     }
 
     /// Whether all vertices of an instance are at the same places at two frames.

@@ -27,6 +27,10 @@
 //! pixel, `pc` and `pl` the probabilities to draw the lamp for the middle of the body and for xk, and `pd` the density of
 //! directions in the cone.
 //!
+//! A blended surface stops a path with the probability that its coverage is. All three counts have that factor once for each of
+//! x1 to xk, so it is no part of the weights. A light path was stopped at x1 when it arrived there: the ray that joins it to the
+//! camera leaves only what lies before x1 to chance.
+//!
 //! Light paths pass no surface from behind, and `reach` is 0 once a path from the camera has (see `crate::query`). Where a path
 //! crosses a surface, cosines are those of the two sides; what panes let through is the same in both directions and no part of
 //! the weights.

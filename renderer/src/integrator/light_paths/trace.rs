@@ -354,16 +354,18 @@ impl<'a, F: Features> Tracer<'a, F> {
         let eye = scene.camera().position();
         let mut ray = Ray::new(eye, (p - eye).normalize());
         self.stats.shadow_rays += 1;
-        let mut hit = scene.trace::<F>(&ray, &mut self.scratch)?;
+        // The path stopped there already, by chance where the surface is blended: this ray may not pass it.
+        let end = scene.geometry.locate(landed);
+        let mut hit = scene.trace_to::<F>(&ray, end, &mut self.scratch)?;
         let mut value = light.radiance;
         if F::CLEAR {
             // Surfaces seen from behind are passed here as they are by camera rays.
-            let straight = Straight::new(ray, Some(hit), false).go_on::<F>(scene, &mut self.scratch);
+            let straight = Straight::new(ray, Some(hit), false).go_on_to::<F>(scene, end, &mut self.scratch);
             hit = straight.hit?;
             hit.t += straight.before;
             value *= straight.weight * self.passed;
         }
-        if scene.geometry.locate(&hit) != scene.geometry.locate(landed) {
+        if scene.geometry.locate(&hit) != end {
             return None;
         }
         // The path as the camera would have found it.
