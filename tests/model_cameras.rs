@@ -121,6 +121,20 @@ fn a_model_is_played_and_seen_through_its_cameras() {
     assert!(said.contains("camera Front: its pictures are 1.5 times as wide as high, so 16x16 cuts off their sides"), "{said}");
 }
 
+/// A part that rises and one that stays belong to one object: no transform tells how the object moves.
+#[test]
+fn parts_that_move_apart_are_not_followed() {
+    let folder = Folder::new();
+    let model = model(folder.0.path());
+    let mut document: Value = serde_json::from_str(&std::fs::read_to_string(&model).unwrap()).unwrap();
+    document["nodes"][2]["mesh"] = json!(0);
+    std::fs::write(&model, document.to_string()).unwrap();
+    let (apart, _) = folder.render(&model, "apart", &["--resolution", "24x16", "--animation", "Rise", "--camera", "Lift"]);
+    assert!(apart.tracks.objects[&1].is_empty(), "{:?}", apart.tracks);
+    let cameras = std::fs::read_to_string(folder.path("apart/transforms.json")).unwrap();
+    assert_eq!(serde_json::from_str::<Value>(&cameras).unwrap()["object_transforms"], json!({ "1": [] }));
+}
+
 #[test]
 fn what_is_not_there_is_answered_with_what_is() {
     let folder = Folder::new();

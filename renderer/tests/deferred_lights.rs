@@ -3,12 +3,15 @@
 #[path = "../frame/tests/light_scene/mod.rs"]
 mod light_scene;
 
-use glam::Vec3A;
+mod common;
+
+use glam::{Affine3A, Quat, Vec3A};
 use light_scene::{Surface, render};
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Camera, Environment, Light};
-use renderflow_renderer::deferred::{Lighting, Material, Options, Shadows, shade};
+use renderflow_renderer::deferred::{LIGHTS, Lighting, Material, Options, Shadows, shade, shadow_maps};
 use renderflow_scenes::Principled;
+use renderflow_scenes::loaded::{PunctualKind, PunctualLight};
 use std::f32::consts::PI;
 
 const OFF: Options = Options::NONE;
@@ -108,6 +111,35 @@ fn a_setting_disc_fades_as_its_visible_part() {
         let found = made.image.pixels[5][0];
         assert!((found - expected).abs() < 0.01 * full / PI, "height {height}: {found} for {expected}");
     }
+}
+
+#[test]
+fn a_lamp_lights_the_rim_of_a_surface_like_the_rest() {
+    // A square that faces the camera and a light from one direction, turned so that its edges cross pixels everywhere.
+    let facing = Affine3A::from_quat(Quat::from_rotation_z(0.3) * Quat::from_rotation_x(0.5 * PI));
+    let look = common::camera([0.0, 0.0, 4.0], [0.0; 3], 30.0, 48, 48);
+    let black = Environment::constant([0.0; 3]);
+    let parts = vec![(common::plane(1.3), common::diffuse([0.8; 3]), facing)];
+    let mut loaded = common::scene(parts, black.clone(), look);
+    loaded.lights.push(PunctualLight {
+        name: "sun".into(),
+        kind: PunctualKind::Directional { irradiance: [2.0; 3] },
+        profile: None,
+        transforms: vec![Affine3A::IDENTITY],
+    });
+    let scene = common::compile(&loaded);
+    let (frame, _) = common::render(&scene, 16);
+    let lighting = Lighting::new(Light::with_exposure(black, 1.0), LIGHTS);
+    let made = shade(&frame, &lighting, &shadow_maps(&scene, &lighting, &frame), &OFF);
+    let [direct] = &made.terms.direct[..] else { panic!("{} parts", made.terms.direct.len()) };
+    let expected = 0.8 * 2.0 / PI;
+    let (mut inner, mut rim) = (0, 0);
+    for (i, found) in direct.pixels.iter().enumerate().filter(|(i, _)| frame.alpha.pixels[*i] > 0.0) {
+        let hit = frame.depth.pixels[i].is_finite();
+        (inner, rim) = if hit { (inner + 1, rim) } else { (inner, rim + 1) };
+        assert!((found[0] - expected).abs() < 0.02 * expected, "pixel {i}, centre hit {hit}: {} for {expected}", found[0]);
+    }
+    assert!(inner > 500 && rim > 20, "{inner} centres hit, {rim} missed");
 }
 
 #[test]

@@ -19,6 +19,7 @@ use crate::util::progress::Progress;
 use crate::util::stop;
 use anyhow::{Context, Result, bail};
 use clean::Cleaner;
+use glam::Affine3A;
 use renderflow_frame::frame_file::{self, Profile};
 use renderflow_frame::reach::Reach;
 use renderflow_frame::tracks::Tracks;
@@ -32,6 +33,7 @@ use renderflow_renderer::{
 use renderflow_scenes::description::{EnvironmentSource, Geometry, LightKind, Scene};
 use renderflow_scenes::{Instance, LoadedScene, load};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
@@ -395,8 +397,13 @@ impl OpenSequence<'_> {
             "seconds of the frame's stages"
         );
         self.timing.seconds[number] = Some(started.elapsed().as_secs_f64());
-        stop::hold(|| file::write_json(&self.job.out.join(TIMING), &self.timing))?;
+        self.write_timing()?;
         Ok(Cost { compile, render, denoise, ..cost })
+    }
+
+    /// Writes the seconds that the frames took.
+    fn write_timing(&self) -> Result<()> {
+        Ok(stop::hold(|| file::write_json(&self.job.out.join(TIMING), &self.timing))?)
     }
 
     /// Compiles the scene, if it is not compiled yet.
@@ -437,12 +444,49 @@ impl OpenSequence<'_> {
     }
 }
 
-/// Transforms of the moving objects at the frames `numbers`.
+/// Matrices of instances that move alike differ by at most this share of their largest entry ...
+const ALIKE: f64 = 1e-4;
+/// ... and positions by this share of the distances from the origin. Transforms are in single precision.
+const SAME_PLACE: f64 = 1e-5;
+
+/// Transforms of the moving objects at the frames `numbers`; none for those whose instances move against each other or change
+/// their shape.
 pub(crate) fn tracks(loaded: &LoadedScene, numbers: &[usize]) -> Tracks {
     let moving = loaded.instances.iter().filter(|instance| instance.transforms.len() > 1);
-    // All instances of an object move alike, and only differences between frames count, so any instance will do.
     let track = |instance: &Instance| (instance.object_id, numbers.iter().map(|&n| instance.transform(n)).collect());
-    Tracks { objects: moving.map(track).collect() }
+    let mut objects: BTreeMap<u32, Vec<Affine3A>> = moving.map(track).collect();
+    // Only differences between frames count, so one instance stands for all that move along with it.
+    for instance in &loaded.instances {
+        if loaded.meshes[instance.mesh].deformation.is_some() {
+            objects.insert(instance.object_id, Vec::new());
+        } else if let Some(track) = objects.get_mut(&instance.object_id)
+            && !moves_along(instance, numbers, track)
+        {
+            track.clear();
+        }
+    }
+    Tracks { objects }
+}
+
+/// Whether `instance` keeps its place, at the frames `numbers`, relative to what has the transforms `track` at these frames; true
+/// where `track` is empty.
+fn moves_along(instance: &Instance, numbers: &[usize], track: &[Affine3A]) -> bool {
+    let pairs = || numbers.iter().map(move |&number| instance.transform(number)).zip(track.iter().copied());
+    // The instance that the track is of, whatever its transforms are.
+    if pairs().all(|(own, other)| own == other) {
+        return true;
+    }
+    let wide = |(own, other): (Affine3A, Affine3A)| (own.as_daffine3(), other.as_daffine3());
+    let Some((own_first, other_first)) = pairs().next().map(wide) else { return true };
+    let relative = other_first.inverse() * own_first;
+    pairs().map(wide).all(|(own, other)| {
+        let expected = other * relative;
+        let largest = own.matrix3.to_cols_array().into_iter().fold(0.0, |largest: f64, v| largest.max(v.abs()));
+        let reach: f64 = [own_first, other_first, own, other].map(|t| t.translation.abs().max_element()).iter().sum();
+        // NaN is not alike.
+        (expected.matrix3 - own.matrix3).to_cols_array().iter().all(|v| v.abs() <= ALIKE * largest)
+            && (expected.translation - own.translation).to_array().iter().all(|v| v.abs() <= SAME_PLACE * reach)
+    })
 }
 
 /// The scene with the full path of every file, so that its copy beside the frames still finds them.
@@ -473,4 +517,73 @@ fn with_absolute_paths(scene: &Scene, base: &Path) -> Result<Scene> {
         *file = full.to_string_lossy().into_owned();
     }
     Ok(scene)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{Quat, Vec3};
+    use renderflow_renderer::verify::scenes::{self, Part};
+    use renderflow_scenes::loaded::{Poses, Shape};
+    use renderflow_scenes::{Material, Mesh};
+
+    /// The transforms of objects whose instances have the transforms `parts`; the last part of each deforms if that is asked for.
+    fn followed(objects: &[(&[Vec<Affine3A>], bool)], numbers: &[usize]) -> Tracks {
+        let empty = || Part { mesh: Mesh::default(), material: Material::default(), transform: Affine3A::IDENTITY };
+        let count: usize = objects.iter().map(|(parts, _)| parts.len()).sum();
+        let parts = (0..count).map(|_| empty()).collect();
+        let mut loaded = scenes::scene(parts, vec![], renderflow_frame::Environment::constant([1.0; 3]), Default::default());
+        let mut next = 0;
+        for (id, (parts, deforms)) in (1..).zip(objects) {
+            for transforms in *parts {
+                loaded.instances[next].object_id = id;
+                loaded.instances[next].transforms.clone_from(transforms);
+                next += 1;
+            }
+            if *deforms {
+                let poses = Poses::new(2, vec![0.0, 1.0], Arc::default());
+                loaded.meshes[next - 1] = Mesh::default().deformed(&Arc::new(Shape::default()), poses);
+            }
+        }
+        tracks(&loaded, numbers)
+    }
+
+    #[test]
+    fn objects_are_followed_where_all_of_their_parts_move_alike() {
+        let place = |frame: usize, turn: f32| {
+            let t = frame as f32;
+            Affine3A::from_rotation_translation(Quat::from_rotation_y(turn * t), Vec3::new(3.0 + 0.2 * t, 0.4, -1.0))
+        };
+        let part = |x: f32, size: f32| {
+            let turn = Quat::from_rotation_z(x);
+            Affine3A::from_scale_rotation_translation(Vec3::new(size, 2.0 * size, size), turn, Vec3::new(x, 0.3, -x))
+        };
+        let moving = |turn: f32, part: Affine3A| (0..4).map(|frame| place(frame, turn) * part).collect::<Vec<_>>();
+        let [rigid, single] = [moving(0.7, part(0.3, 0.01)), moving(0.0, part(-4.0, 20.0))];
+        let parts = [moving(0.7, part(-0.6, 1.0)), moving(0.7, part(0.9, 30.0)), rigid.clone()];
+        let apart = [moving(0.7, part(0.3, 1.0)), moving(0.71, part(0.3, 1.0))];
+        let half = [single.clone(), vec![part(0.3, 1.0)]];
+        let still = [vec![part(0.3, 1.0)], vec![part(0.9, 1.0)]];
+        let found = followed(
+            &[
+                (&parts, false),
+                (&[single.clone()], false),
+                (&apart, false),
+                (&half, false),
+                (&still, false),
+                (&still, true),
+                (&parts, true),
+            ],
+            &[0, 2, 3],
+        );
+        let kept = |track: &[Affine3A]| [0, 2, 3].map(|frame: usize| track[frame]).to_vec();
+        let expected = [(1, kept(&rigid)), (2, kept(&single)), (3, vec![]), (4, vec![]), (6, vec![]), (7, vec![])];
+        assert_eq!(found.objects, BTreeMap::from(expected));
+        // A part that is flat at the first frame is followed by itself, and no other is known to move along with it.
+        let mut flat = single.clone();
+        flat[0] = Affine3A::from_scale(Vec3::ZERO);
+        let alone = [flat.clone()];
+        let found = followed(&[(&alone, false), (&[single, flat.clone()], false)], &[0, 1]);
+        assert_eq!(found.objects, BTreeMap::from([(1, flat[..2].to_vec()), (2, vec![])]));
+    }
 }

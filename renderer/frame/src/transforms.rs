@@ -29,7 +29,7 @@ pub struct Sequence {
     pub environment_rotation: f32,
     /// Gain of the environment.
     pub environment_intensity: f32,
-    /// Transforms of the objects that move, one for each frame.
+    /// Transforms of the objects that move, one for each frame, or none where the movement is unknown.
     pub tracks: Tracks,
 }
 
@@ -55,7 +55,8 @@ struct File {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     origin: Option<DVec3>,
     frames: Vec<FrameEntry>,
-    /// Rows of object-to-world by object id, one matrix for each frame; only for objects that move.
+    /// Rows of object-to-world by object id, one matrix for each frame; only for objects that move. The list is empty for an
+    /// object whose movement is unknown.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     object_transforms: BTreeMap<u32, Vec<Matrix>>,
 }
@@ -309,7 +310,7 @@ fn check(sequence: &Sequence) -> std::result::Result<(), String> {
         }
     }
     for (id, track) in &sequence.tracks.objects {
-        if track.len() != sequence.cameras.len() {
+        if !track.is_empty() && track.len() != sequence.cameras.len() {
             return Err(format!("/object_transforms/{id}: {} matrices for {} frames", track.len(), sequence.cameras.len()));
         }
         if let Some(index) = track.iter().position(|transform| !transform.is_finite()) {

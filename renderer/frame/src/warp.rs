@@ -20,6 +20,8 @@ const DEPTH_TOLERANCE: f32 = 0.01;
 const SLOPE_TOLERANCE: f32 = 0.5;
 /// Least cosine between the two world-space normals (30 degrees).
 const MIN_NORMAL_COSINE: f32 = 0.866;
+/// A lens shows a point where it lies if the direction there is that of the point up to this, at distance 1.
+const SAME_DIRECTION: f32 = 1e-3;
 /// Taps with less weight than this are left out, so that a still camera reads exactly one pixel in spite of rounding.
 const LEAST_WEIGHT: f32 = 1.0 / 128.0;
 /// Trust, 0..=1, in a pixel that the keyframe does not show.
@@ -100,7 +102,7 @@ pub type ObjectMotion<'a> = dyn Fn(u32) -> Option<Affine3A> + Sync + 'a;
 /// Motion vectors lead only from one frame to the next, but a keyframe may be many frames away. Moving objects are therefore
 /// given by transforms: `object_motion` maps an object id of `current` to the rigid or affine map that takes the object's
 /// world-space points at the current frame to where they were at the keyframe. `None`, for all objects or for one, means it did
-/// not move.
+/// not move. A map that is not finite means that nobody knows how it moved: then its pixels have no source.
 ///
 /// A pixel has a source where its centre hit something and its point projects into the keyframe. A tap of the bilinear footprint
 /// there shows the surface if it has the same object at the depth of the surface's plane (1 % and an allowance for slope) with a
@@ -187,7 +189,7 @@ struct Surfaces<'a> {
 }
 
 impl Surfaces<'_> {
-    /// `None` where the centre of pixel (x, y) hit nothing.
+    /// `None` where the centre of pixel (x, y) hit nothing, or an object that moved nobody knows how.
     fn at(&mut self, x: usize, y: usize) -> Option<Surface> {
         let i = y * self.current.width + x;
         let depth = self.current.depth.pixels[i];
@@ -205,6 +207,9 @@ impl Surfaces<'_> {
         let mut n_world = self.camera.camera_to_world.matrix3 * Vec3A::from_array(self.current.normal.pixels[i]);
         let here = [p_world, n_world];
         if let Some(motion) = motion {
+            if !motion.is_finite() {
+                return None;
+            }
             p_world = motion.transform_point3a(p_world);
             n_world = moved_normal(&motion.matrix3, n_world);
         }
@@ -231,10 +236,21 @@ impl KeyView<'_> {
         if depth.is_nan() || depth <= 0.0 {
             return None;
         }
-        let point = Vec2::new(self.camera.cx + self.camera.fl_x * p.x / depth, self.camera.cy - self.camera.fl_y * p.y / depth);
+        let bends = self.camera.distortion.is_some();
+        let point = if bends {
+            self.camera.project(p_world)?.0
+        } else {
+            Vec2::new(self.camera.cx + self.camera.fl_x * p.x / depth, self.camera.cy - self.camera.fl_y * p.y / depth)
+        };
         let inside =
             point.x >= 0.0 && point.y >= 0.0 && point.x <= self.frame.width as f32 && point.y <= self.frame.height as f32;
-        inside.then_some(point)
+        (inside && (!bends || self.reveals(point, p / depth))).then_some(point)
+    }
+
+    /// Whether the lens shows `direction` (camera space, z = -1) at `point`. Far outside of the picture its formula folds, and
+    /// takes points into the picture where it shows others.
+    fn reveals(&self, point: Vec2, direction: Vec3A) -> bool {
+        self.camera.direction_cam(point).distance(direction) <= SAME_DIRECTION * direction.length()
     }
 
     /// The taps around `point` in which the keyframe shows this surface: the share of the footprint, and a bit for each.

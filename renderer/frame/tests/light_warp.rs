@@ -5,11 +5,12 @@ mod light_scene;
 use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
 use light_scene::{Surface, point, render, trace};
 use renderflow_frame::image::{Image, Rgb};
-use renderflow_frame::tracks::Movement;
+use renderflow_frame::tracks::{Movement, Tracks};
 use renderflow_frame::warp::{
-    Correspondence, FILLED, Keyframe, MAX_RATIO, Neighbour, age, carry, correspond, fetch, fill, nearest, ratio_fetch,
+    Correspondence, FILLED, Keyframe, MAX_RATIO, Neighbour, age, carry, correspond, fetch, fill, held, logarithms, nearest,
+    ratio_fetch,
 };
-use renderflow_frame::{Camera, Frame};
+use renderflow_frame::{Camera, Distortion, Frame};
 
 const SIZE: usize = 96;
 
@@ -23,6 +24,11 @@ fn scene() -> Vec<Surface> {
         Surface::Sphere(Vec3A::new(-0.5, 0.4, 0.0), 0.4),
         Surface::Block(Vec3A::new(0.2, 0.0, -0.3), Vec3A::new(0.6, 0.7, 0.4)),
     ]
+}
+
+/// The camera behind a lens that bends lines strongly; it shows nothing beyond 46 degrees.
+fn bent(camera: Camera) -> Camera {
+    Camera { distortion: Some(Distortion { k1: -0.3, ..Distortion::default() }), ..camera }
 }
 
 /// A smooth picture painted on the world.
@@ -227,6 +233,81 @@ fn samples_come_from_the_pixel_that_holds_the_point() {
     for i in 0..SIZE * SIZE {
         assert_eq!(still.pixels[i], current.depth.pixels[i].is_finite().then_some(i as u32));
     }
+}
+
+#[test]
+fn a_lens_is_looked_through() {
+    let view = bent(camera(Vec3A::new(0.5, 1.2, 3.0)));
+    let frame = render(&scene(), &view);
+    let (c, carried) = (correspond(&frame, &frame, None), nearest(&frame, &frame, None));
+    for i in 0..SIZE * SIZE {
+        let hit = frame.depth.pixels[i].is_finite();
+        assert_eq!(carried.pixels[i], hit.then_some(i as u32));
+        assert_eq!(c.valid.pixels[i] > 0.0, hit, "pixel {i}");
+        let centre = Vec2::new((i % SIZE) as f32 + 0.5, (i / SIZE) as f32 + 0.5);
+        assert!(!hit || (Vec2::from_array(c.source.pixels[i]) - centre).length() < 1e-3);
+    }
+    // From a lens to none, and back.
+    let (plain, moved) = (camera(Vec3A::new(0.3, 1.1, 2.9)), camera(Vec3A::new(0.1, 1.15, 2.9)));
+    for (now, then) in [(bent(plain), moved), (plain, bent(moved)), (bent(plain), bent(moved))] {
+        let (current, key) = (render(&scene(), &now), render(&scene(), &then));
+        let c = correspond(&current, &key, None);
+        let shown = c.valid.pixels.iter().filter(|valid| **valid > 0.0).count();
+        assert!(shown * 10 > 6 * SIZE * SIZE, "{shown} pixels");
+        for i in (0..SIZE * SIZE).filter(|i| c.valid.pixels[*i] > 0.0) {
+            let (expected, _) = then.project(point(&current, &now, i)).expect("in front");
+            assert!((Vec2::from_array(c.source.pixels[i]) - expected).length() < 1e-3);
+        }
+    }
+}
+
+#[test]
+fn what_a_lens_folds_into_the_picture_is_not_there() {
+    let plane = [Surface::Plane(Vec3A::ZERO, Vec3A::Y)];
+    let eye = Vec3A::new(0.0, 1.5, 2.5);
+    let towards = |angle: f32| {
+        let target = eye + Quat::from_rotation_y(angle) * Vec3A::new(0.0, -1.2, -2.5);
+        bent(Camera::look_at(eye, target, Vec3A::Y, 0.7, SIZE, SIZE))
+    };
+    let (now, then) = (towards(0.0), towards(1.1));
+    let (current, other) = (render(&plane, &now), render(&plane, &then));
+    let (c, carried) = (correspond(&current, &other, None), nearest(&current, &other, None));
+    let mut folded = 0;
+    for i in (0..SIZE * SIZE).filter(|i| current.depth.pixels[*i].is_finite()) {
+        let p = point(&current, &now, i);
+        let p_cam = then.world_to_camera().transform_point3a(p);
+        // Tangent of the angle from the view, of which 1 / sqrt(0.9) is the last that the lens shows.
+        let off = p_cam.truncate().length() / -p_cam.z;
+        let inside = then.project(p).is_some_and(|(at, _)| at.min_element() >= 0.0 && at.max_element() <= SIZE as f32);
+        if inside && off > 1.06 {
+            folded += 1;
+            assert_eq!((carried.pixels[i], c.source.pixels[i]), (None, [0.0; 2]), "{off}");
+        }
+    }
+    assert!(folded > 100, "{folded}");
+}
+
+#[test]
+fn nothing_is_carried_for_an_object_that_moved_nobody_knows_how() {
+    let view = camera(Vec3A::new(0.3, 1.1, 2.9));
+    let frame = render(&scene(), &view);
+    let tracks = Tracks { objects: [(2, vec![]), (3, vec![Affine3A::IDENTITY; 2])].into() };
+    let movement = tracks.between(0, 1);
+    let motion = |id| movement.of(id);
+    let carried = nearest(&frame, &frame, Some(&motion));
+    let flat = Rgb::filled(SIZE, SIZE, [0.5; 3]);
+    let light = logarithms(&flat, 1.0);
+    let share = held(&frame, &frame, Some(&motion), &carried, [&light, &light]);
+    let key = Keyframe { frame: frame.clone(), truth: flat.clone(), start: Some(flat) };
+    let c = Neighbour { key: &key, distance: 1.0, movement }.correspond(&frame);
+    let mut lost = 0;
+    for (i, &id) in frame.object_id.pixels.iter().enumerate() {
+        let known = frame.depth.pixels[i].is_finite() && id != 2;
+        assert_eq!(carried.pixels[i], known.then_some(i as u32), "object {id}");
+        assert_eq!((share.pixels[i] > 0.0, c.valid.pixels[i] > 0.0), (known, known), "object {id}");
+        lost += usize::from(id == 2);
+    }
+    assert!(lost > 300, "{lost}");
 }
 
 #[test]

@@ -58,6 +58,10 @@ fn a_sequence_comes_back_exactly_with_shared_and_with_own_intrinsics() {
         assert_eq!(json["frames"][3].get("fl_x").is_some(), own);
         assert_eq!(transforms::read(&path).unwrap(), sequence);
     }
+    // An object whose movement is unknown.
+    sequence.tracks.objects.insert(5, vec![]);
+    assert_eq!(written(&path, &sequence)["object_transforms"]["5"], serde_json::json!([]));
+    assert_eq!(transforms::read(&path).unwrap(), sequence);
     let empty = Sequence { cameras: vec![], files: vec![], keyframes: vec![], tracks: Tracks::default(), ..sequence };
     transforms::write(&path, &empty).unwrap();
     assert_eq!(transforms::read(&path).unwrap(), empty);

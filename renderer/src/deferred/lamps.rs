@@ -18,12 +18,15 @@ pub const LAMPS: usize = 8;
 const COMPARED: usize = 1024;
 /// Distance from the camera times this is how far from the surface rays begin.
 const LEAVE: f32 = 1e-3;
+/// Largest distance, along either axis, to the pixel from which a covered pixel whose centre missed takes its surface, as in
+/// [`renderflow_frame::ibl::surfaces`].
+const BORROWED: isize = 4;
 
 /// A light without an area, and what each pixel sees of it.
 #[derive(Clone, Debug)]
 pub struct LampView {
     light: Local,
-    /// Share of its light, by colour, that reaches each pixel.
+    /// Share of its light, by colour, that reaches each pixel. A covered pixel whose centre missed has that of the nearest hit.
     seen: Vec<[f32; 3]>,
 }
 
@@ -86,6 +89,9 @@ pub fn lamps(scene: &RenderScene, frame: &Frame) -> Vec<LampView> {
     ranked.retain(|(strength, _)| *strength > 0.0);
     ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
     ranked.truncate(LAMPS);
+    let covered = |i: usize| frame.alpha.pixels.get(i).is_some_and(|alpha| *alpha > 0.0);
+    let missed = (0..pixels).filter(|&i| !frame.depth.pixels[i].is_finite() && covered(i));
+    let borrowed: Vec<(usize, usize)> = missed.filter_map(|i| Some((i, nearest_hit(frame, i)?))).collect();
     let view = |(_, light): (f64, Local)| {
         let trace = |scratch: &mut Scratch, i: usize| {
             let Some(p) = point(i) else { return [0.0; 3] };
@@ -93,10 +99,26 @@ pub fn lamps(scene: &RenderScene, frame: &Frame) -> Vec<LampView> {
             let away = LEAVE * p.distance(camera.position());
             with_features!(scene.features(), false, seen(scene, &light, p, n, away, scratch)).to_array()
         };
-        let seen = (0..pixels).into_par_iter().with_min_len(256).map_init(Scratch::default, trace).collect();
+        let mut seen: Vec<[f32; 3]> = (0..pixels).into_par_iter().with_min_len(256).map_init(Scratch::default, trace).collect();
+        borrowed.iter().for_each(|&(i, hit)| seen[i] = seen[hit]);
         LampView { light, seen }
     };
     ranked.into_iter().map(view).collect()
+}
+
+/// The pixel nearest to pixel `i` whose centre hit something. Ties go to the upper, then the left pixel, as in
+/// [`renderflow_frame::ibl::surfaces`].
+fn nearest_hit(frame: &Frame, i: usize) -> Option<usize> {
+    let (width, height) = (frame.depth.width, frame.depth.height);
+    let (x, y) = (i % width, i / width);
+    let offsets = (-BORROWED..=BORROWED).flat_map(|dy| (-BORROWED..=BORROWED).map(move |dx| (dx, dy)));
+    let hits = offsets.filter_map(|(dx, dy)| {
+        let (column, line) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
+        let there = line * width + column;
+        let hit = column < width && line < height && frame.depth.pixels[there].is_finite();
+        hit.then_some((dx * dx + dy * dy, there))
+    });
+    hits.min().map(|(_, there)| there)
 }
 
 /// Share of a light that reaches a surface with the normal `n`.

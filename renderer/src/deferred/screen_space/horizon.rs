@@ -133,7 +133,7 @@ impl Walk {
         let Self { p, n, v, radius, towards: (cos, sin), lowest, .. } = *self;
         let camera = surface.camera;
         let depth = -p.z;
-        // The reach in pixels, of a segment parallel to the picture.
+        // The reach in pixels of a pinhole camera, of a segment parallel to the picture.
         let (reach_x, reach_y) = (camera.fl_x * cos * radius / depth, -camera.fl_y * sin * radius / depth);
         let (start_x, start_y) = (camera.cx + camera.fl_x * p.x / depth, camera.cy - camera.fl_y * p.y / depth);
         let pixels = (reach_x * reach_x + reach_y * reach_y).sqrt();
@@ -145,7 +145,7 @@ impl Walk {
             // Denser near the pixel, the first one at least one pixel away.
             let s = (k as f32 + self.step) / STEPS as f32;
             let s = 1.0 / pixels + s * s * (1.0 - 1.0 / pixels);
-            let Some(under) = surface.pixel(start_x + reach_x * s, start_y + reach_y * s) else { break };
+            let Some(under) = surface.under(start_x + reach_x * s, start_y + reach_y * s) else { break };
             if !surface.known(under) {
                 continue;
             }

@@ -32,7 +32,7 @@ pub fn visibility(surface: &Surface, i: usize, light: Vec3A, (_, step): (f32, f3
             break;
         }
         let (at_x, at_y) = (camera.cx + camera.fl_x * q.x / ray_depth, camera.cy - camera.fl_y * q.y / ray_depth);
-        let Some(under) = surface.pixel(at_x, at_y) else { break };
+        let Some(under) = surface.under(at_x, at_y) else { break };
         // Minus infinity where nothing is known: no occluder.
         let behind = ray_depth + surface.points[under].z;
         let (least, most) = (BIAS * ray_depth, THICKNESS * ray_depth);

@@ -46,7 +46,7 @@ pub fn march(surface: &Surface, i: usize, direction: Vec3A, step: f32) -> Option
         let inverse = -1.0 / p.z;
         Vec3A::new(camera.cx + camera.fl_x * p.x * inverse, camera.cy - camera.fl_y * p.y * inverse, inverse)
     };
-    // The image point and the inverse depth are linear along the segment.
+    // A pinhole camera's image point and the inverse depth are linear along the segment.
     let (start, end) = (project(p), project(q));
     let along = end - start;
     let mut last = 1.0_f32;
@@ -64,7 +64,7 @@ pub fn march(surface: &Surface, i: usize, direction: Vec3A, step: f32) -> Option
     // (behind the surface, ray's depth) at a share of the segment.
     let probe = |s: f32| {
         let at = start + along * s;
-        let under = surface.pixel(at.x, at.y)?;
+        let under = surface.under(at.x, at.y)?;
         let ray_depth = 1.0 / at.z;
         Some((ray_depth + surface.points[under].z, ray_depth, under))
     };
@@ -96,8 +96,9 @@ pub fn march(surface: &Surface, i: usize, direction: Vec3A, step: f32) -> Option
                     -ray_depth,
                 );
                 let border = |at: f32, size: usize| (at.min(size as f32 - at) / (BORDER * size as f32)).clamp(0.0, 1.0);
-                let confidence = border(at.x, surface.width) * border(at.y, surface.height) * (2.0 * sure).min(1.0);
-                return Some(Meeting { at: [at.x, at.y], distance: (point - p).length(), confidence });
+                let at = surface.shown(at.x, at.y);
+                let confidence = border(at[0], surface.width) * border(at[1], surface.height) * (2.0 * sure).min(1.0);
+                return Some(Meeting { at, distance: (point - p).length(), confidence });
             }
         }
         (before, depth_before) = (s, ray_depth);
