@@ -148,6 +148,8 @@ fn sequences_get_longer() {
     assert!(stderr(&refused).contains("/frames was 5, now 2"), "{}", stderr(&refused));
     let refused = folder.render(&[&words("6")[..], &["--bsdf", "published"]].concat(), "out");
     assert!(stderr(&refused).contains("the BRDF was"), "{}", stderr(&refused));
+    let refused = folder.render(&[&words("6")[..], &["--max-bounces", "3"]].concat(), "out");
+    assert!(stderr(&refused).contains("the number of bounces was 6, now 3"), "{}", stderr(&refused));
     // A material that changes does so over the whole sequence.
     let mut scene = folder.json("out/scene.json");
     scene["materials"][0]["change"] = serde_json::json!({ "roughness": 0.7 });

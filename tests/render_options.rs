@@ -3,7 +3,7 @@
 mod common;
 
 use common::{renderflow, stderr, succeed};
-use renderflow_frame::{Frame, exr};
+use renderflow_frame::{Frame, exr, file};
 
 #[test]
 fn light_groups_sum_to_raw_and_irradiance_is_there() {
@@ -296,9 +296,17 @@ fn frames_are_cleaned_with_the_samples_of_frames_around_them() {
     made("around", "5", &around);
     assert!(bytes() == before, "a lost frame came back otherwise");
 
-    // A raw sequence is denoised as it is; a shorter one gets longer, and its frames get samples of the new ones.
+    // A raw sequence is denoised as it is, and its seconds count; a shorter one gets longer, and its frames get samples of the
+    // new ones.
     made("later", "5", &["--spp", "2", "--denoise", "none"]);
+    let seconds = || -> Vec<f64> {
+        let timing: serde_json::Value = file::read_json(&path("later").join("timing.json")).unwrap();
+        timing["seconds"].as_array().unwrap().iter().map(|seconds| seconds.as_f64().unwrap()).collect()
+    };
+    let raw = seconds();
     made("later", "5", &around);
+    let denoised = seconds();
+    assert!(raw.iter().zip(&denoised).all(|(before, after)| before < after), "{raw:?}, {denoised:?}");
     made("longer", "3", &around);
     made("longer", "5", &around);
     for other in ["later", "longer"] {

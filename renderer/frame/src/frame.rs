@@ -36,6 +36,9 @@ pub struct FrameInfo {
     /// empty for a picture of one moment. The G-buffer is always that of the frame itself, in the middle of the time.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub shutter: String,
+    /// Most surfaces at which a path scattered; `None` where it is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_bounces: Option<u32>,
     /// Number of samples that share a camera ray; `None` where each sample has its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub branches: Option<u32>,

@@ -439,6 +439,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
             sampling: String::new(),
             lens: settings.lens.map(|lens| lens.to_string()).unwrap_or_default(),
             shutter: String::new(),
+            max_bounces: None,
             branches: None,
             indirect_limit: None,
             light_paths: false,

@@ -212,6 +212,7 @@ fn picture(
     if frame.samples.is_some() && settings.budget != Budget::Uniform {
         frame.info.sampling = settings.sampling();
     }
+    frame.info.max_bounces = Some(settings.max_bounces);
     frame.info.branches = Some(settings.branches()).filter(|&branches| branches > 1);
     frame.info.indirect_limit = settings.clamp_indirect;
     frame.info.bsdf = settings.bsdf.name().into();

@@ -73,6 +73,10 @@ impl OpenSequence<'_> {
         frame.info.denoiser = settings.denoiser_name();
         let denoise = started.elapsed().as_secs_f64();
         let cost = self.write(numbers[index], &frame)?;
+        if let Some(seconds) = &mut self.timing.seconds[numbers[index]] {
+            *seconds += started.elapsed().as_secs_f64();
+        }
+        self.write_timing()?;
         Ok(Some(Cost { denoise, ..cost }))
     }
 }

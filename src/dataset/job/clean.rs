@@ -1,7 +1,8 @@
 //! Denoises path-traced pictures, by OIDN or by the network inside the program.
 
-use crate::dataset::around::{Carried, Traced, add_up, noisy, offer};
+use crate::dataset::around::{Carried, Traced, add_up, offer};
 use crate::dataset::denoise::Denoise;
+use crate::dataset::shading::BUFFERS;
 use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::device;
 use crate::util::stop;
@@ -27,8 +28,8 @@ const OIDN_NETWORK: u64 = 480;
 const NEURAL_RECORD: u64 = 640;
 const NEURAL_NETWORK: u64 = 800;
 
-/// The network inside the program was trained with at most this many samples for each pixel.
-const NEURAL_MOST: u32 = 32;
+/// The network inside the program was trained with pictures of at most this many samples for each pixel.
+const NEURAL_MOST: u32 = 16;
 
 /// A denoiser at work.
 pub(super) enum Cleaner {
@@ -150,7 +151,7 @@ impl Cleaner {
             Self::Neural { network, oidn, .. } => {
                 // The network was trained with G-buffers of this many camera rays for each pixel, even where there are fewer
                 // samples.
-                let usual = Settings::default();
+                let usual = Settings { channels: BUFFERS, ..Settings::default() };
                 let few = settings.camera_samples() < usual.guide_samples;
                 let gbuffer = few.then(|| render_gbuffer_until(scene, &usual, cancel)).transpose();
                 cancel.check()?;
@@ -198,13 +199,7 @@ pub fn fuse(
         offer(&mut record, index, near, |there| cameras[there], (&light.environment, exposure))?;
     }
     if let Some(oidn) = oidn {
-        let [color, albedo, normal] = match around {
-            Some(Around { others, cameras, .. }) => {
-                let near = others.iter().map(|(there, other)| (*there, other));
-                noisy((&record, &Selection::all(&record)), near, |there| cameras[there], (&light.environment, exposure))?
-            }
-            None => record.noisy(&Selection::all(&record), exposure),
-        };
+        let [color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
         record.add_denoised(0, &denoise(oidn, &color, [Some(&albedo), Some(&normal)], cancel)?, exposure);
     }
     cancel.check()?;

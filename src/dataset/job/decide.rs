@@ -243,6 +243,9 @@ impl OpenSequence<'_> {
             if info.bsdf != render.bsdf.name() {
                 put("the BRDF", info.bsdf.clone(), render.bsdf.name().into());
             }
+            if let Some(bounces) = info.max_bounces.filter(|bounces| *bounces != render.max_bounces) {
+                put("the number of bounces", bounces.to_string(), render.max_bounces.to_string());
+            }
             let branches = info.branches.unwrap_or(1);
             if branches != expected.branches() {
                 put("the number of samples that share a camera ray", branches.to_string(), expected.branches().to_string());

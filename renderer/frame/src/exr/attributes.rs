@@ -15,6 +15,7 @@ const BSDF: &str = "renderflow/bsdf";
 const SAMPLING: &str = "renderflow/sampling";
 const LENS: &str = "renderflow/lens";
 const SHUTTER: &str = "renderflow/shutter";
+const MAX_BOUNCES: &str = "renderflow/max_bounces";
 const BRANCHES: &str = "renderflow/branches";
 const INDIRECT_LIMIT: &str = "renderflow/indirect_limit";
 const LIGHT_PATHS: &str = "renderflow/light_paths";
@@ -65,6 +66,10 @@ pub(super) fn write(
     }
     if !info.shutter.is_empty() {
         set(SHUTTER, string(&info.shutter));
+    }
+    if let Some(bounces) = info.max_bounces {
+        let value = i32::try_from(bounces).map_err(|_| format!("{bounces} bounces do not fit the header"))?;
+        set(MAX_BOUNCES, AttributeValue::I32(value));
     }
     if let Some(branches) = info.branches {
         let value = i32::try_from(branches).map_err(|_| format!("{branches} samples a camera ray do not fit the header"))?;
@@ -123,6 +128,11 @@ pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
         sampling: string(SAMPLING)?.unwrap_or_default(),
         lens: string(LENS)?.unwrap_or_default(),
         shutter: string(SHUTTER)?.unwrap_or_default(),
+        max_bounces: match other.get(MAX_BOUNCES.as_bytes()) {
+            None => None,
+            Some(AttributeValue::I32(bounces)) if *bounces >= 0 => Some(*bounces as u32),
+            Some(_) => return Err(format!("header attribute {MAX_BOUNCES} is not a count")),
+        },
         branches: match other.get(BRANCHES.as_bytes()) {
             None => None,
             Some(AttributeValue::I32(branches)) if *branches > 0 => Some(*branches as u32),

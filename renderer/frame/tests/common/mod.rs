@@ -53,6 +53,7 @@ pub fn frame(width: usize, height: usize) -> Frame {
             sampling: "average 256".into(),
             lens: "aperture 0.02 focus 3".into(),
             shutter: "open 0.5 moments 32".into(),
+            max_bounces: Some(6),
             branches: None,
             indirect_limit: None,
             light_paths: false,
