@@ -82,7 +82,12 @@ fn methods_are_scored_on_sets_and_classes_and_work_goes_on_where_it_stopped() {
             assert_eq!(value("psnr") == Some(100.0), carried, "{score:?}");
         }
     }
-    // A sequence that is missing is made again, the others are kept; threads change nothing.
+    // Seconds of other threads do not mix in.
+    let mixed = run(&out, methods, "1");
+    assert!(!mixed.status.success() && common::stderr(&mixed).contains("2 threads, and these"), "{}", common::stderr(&mixed));
+    let about = std::fs::read_to_string(out.join("results.json")).unwrap();
+    std::fs::write(out.join("results.json"), about.replace("2 threads", "1 threads")).unwrap();
+    // A sequence that is missing is made again, the others are kept; threads change nothing but seconds.
     let kept = out.join("tiny/far/seq-000000.jsonl");
     let before = std::fs::read(&kept).unwrap();
     std::fs::remove_file(out.join("tiny/near/seq-000000.json")).unwrap();
@@ -95,6 +100,78 @@ fn methods_are_scored_on_sets_and_classes_and_work_goes_on_where_it_stopped() {
     let report = folder.path().join("report");
     succeed(&["report", out.to_str().unwrap(), "--out", report.to_str().unwrap()]);
     assert!(report.join("index.html").is_file() && report.join("tiny-near-seq-000000.html").is_file());
+}
+
+#[test]
+fn results_of_other_data_are_made_again_and_those_of_other_sequences_do_not_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = set(folder.path());
+    let out = folder.path().join("results");
+    let run = |data: &Path| {
+        let [data, out] = [data, &out].map(|path| path.to_str().unwrap());
+        let output = renderflow(&["evaluate", "--data", data, "--methods", "ibl", "--out", out]);
+        assert!(output.status.success(), "{}", common::stderr(&output));
+        common::stderr(&output)
+    };
+    run(&data);
+    let [far, near] = <[Vec<Score>; 2]>::try_from(scores(&out)).unwrap();
+    assert_ne!(far, near);
+    // Another sequence of the same name, with frames of the same numbers.
+    let [from, to] = ["far", "near"].map(|class| data.join("tiny").join(class));
+    std::fs::remove_dir_all(&to).unwrap();
+    common::copy(&from, &to);
+    let kept = out.join("tiny/far/seq-000000.jsonl");
+    let before = std::fs::read(&kept).unwrap();
+    run(&data);
+    assert_eq!(scores(&out), [far.clone(), far.clone()]);
+    assert_eq!(std::fs::read(&kept).unwrap(), before, "it was made again");
+    // One frame is another one, and no record says so.
+    for name in ["sequence.json", "frame.0001.exr"] {
+        std::fs::remove_file(to.join("test/seq-000000").join(name)).unwrap();
+    }
+    std::fs::copy(to.join("test/seq-000000/frame.0002.exr"), to.join("test/seq-000000/frame.0001.exr")).unwrap();
+    run(&data);
+    let [first, second] = <[Vec<Score>; 2]>::try_from(scores(&out)).unwrap();
+    assert!(first == far && second != far);
+    // A part of the data: what is there of the rest stays, and no table counts it, until all is asked for again.
+    let said = run(&data.join("tiny/near"));
+    assert!(said.contains("2 of the results are of sequences or data"), "{said}");
+    assert_eq!(scores(&out), [second.clone()]);
+    run(&data);
+    assert_eq!(scores(&out), [first, second]);
+    assert_eq!(std::fs::read(&kept).unwrap(), before, "it was made again");
+    // Results from before: nobody knows of what data they are.
+    for (name, key) in [("results.json", "sequences"), ("tiny/far/seq-000000.json", "data")] {
+        let mut value: serde_json::Value = serde_json::from_slice(&std::fs::read(out.join(name)).unwrap()).unwrap();
+        value.as_object_mut().unwrap().remove(key).unwrap();
+        std::fs::write(out.join(name), value.to_string()).unwrap();
+    }
+    assert_eq!(scores(&out).len(), 3);
+    run(&data);
+    assert!(std::fs::read(&kept).unwrap() != before && scores(&out)[0] == far);
+}
+
+#[test]
+fn weights_with_the_same_header_and_other_values_do_not_mix() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = set(folder.path()).join("tiny/near");
+    let [one, other, out] = ["one.safetensors", "other.safetensors", "results"].map(|name| folder.path().join(name));
+    Fusion::untrained(&FusionConfig::default(), 0).unwrap().save(&one, Precision::F16).unwrap();
+    let mut bytes = std::fs::read(&one).unwrap();
+    let last = bytes.len() - 2;
+    bytes[last] ^= 1;
+    std::fs::write(&other, bytes).unwrap();
+    let run = |weights: &Path| {
+        let [data, out, weights] = [data.as_path(), out.as_path(), weights].map(|path| path.to_str().unwrap());
+        let methods = ["evaluate", "--data", data, "--methods", "neural", "--every", "5"];
+        renderflow(&[&methods[..], &["--weights", weights, "--out", out]].concat())
+    };
+    assert!(run(&one).status.success());
+    let refused = run(&other);
+    assert!(common::stderr(&refused).contains("other methods or settings"), "{}", common::stderr(&refused));
+    let about = Results::read(&out).unwrap().about;
+    let named = about.settings.iter().find(|(name, _)| name == "network, BLAKE3").map(|(_, hash)| hash.as_str());
+    assert_eq!(named, Some(blake3::hash(&std::fs::read(&one).unwrap()).to_hex().as_str()));
 }
 
 /// An untrained network draws deferred shading, so keyframes carried over its picture are those carried over deferred shading.
@@ -159,6 +236,13 @@ fn the_network_renders_sequences_from_their_scenes() {
     // Another number of samples makes other pictures.
     assert!(common::stderr(&run("traced", "1", &["--rays", "3"])).contains("other weights or options"));
     assert!(common::stderr(&run("none", "1", &["--stills"])).contains("--stills: is for"));
+    // So does another frame in the same place.
+    let (first, kept) = (sequence.join("frame.0001.exr"), folder.path().join("kept.exr"));
+    std::fs::rename(&first, &kept).unwrap();
+    std::fs::copy(sequence.join("frame.0002.exr"), &first).unwrap();
+    assert!(common::stderr(&run("plain", "1", &[])).contains("pictures of another seq-000000"));
+    std::fs::rename(&kept, &first).unwrap();
+    assert!(run("plain", "1", &[]).status.success());
     std::fs::remove_file(sequence.join("scene.json")).unwrap();
     assert!(common::stderr(&run("none", "1", &[])).contains("has no scene.json"));
     assert!(!folder.path().join("none").exists());
@@ -329,7 +413,29 @@ fn anybodys_pictures_are_compared_by_name_or_number() {
 }
 
 #[test]
+fn pictures_that_a_comparison_did_not_see_do_not_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let [mine, truth, out] = ["mine", "truth", "results"].map(|name| folder.path().join(name));
+    for (root, value) in [(&mine, 100), (&truth, 120)] {
+        for name in ["x", "y"] {
+            std::fs::create_dir_all(root.join(name)).unwrap();
+            image::RgbImage::from_pixel(16, 16, image::Rgb([value; 3])).save(root.join(name).join("1.png")).unwrap();
+        }
+    }
+    let run = || succeed(&["evaluate", mine.to_str().unwrap(), truth.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+    assert!(run().contains("truth: 2 sequences, 2 frames"));
+    std::fs::remove_dir_all(truth.join("y")).unwrap();
+    let table = run();
+    assert!(table.contains("truth: 1 sequence, 1 frame"), "{table}");
+    assert!(out.join("truth/pictures/y.json").is_file());
+}
+
+#[test]
 fn two_folders_or_a_data_set_but_not_both() {
+    for option in [["--weights", "x"], ["--device", "cpu"], ["--max-bounces", "3"], ["--methods", "ibl"], ["--every", "2"]] {
+        let output = renderflow(&[&["evaluate", "a", "b", "--out", "x"][..], &option].concat());
+        assert_eq!(output.status.code(), Some(2), "{option:?}: {}", common::stderr(&output));
+    }
     for arguments in
         [&["evaluate", "--out", "x"][..], &["evaluate", "a", "--out", "x"], &["evaluate", "a", "b", "--data", "c", "--out", "x"]]
     {

@@ -109,6 +109,17 @@ fn rows_stand_on_the_autoencoder_that_is_given() {
         let name = |path: &PathBuf| path.file_name().unwrap().to_string_lossy().starts_with("autoencoder");
         std::fs::read_dir(out.join("runs")).unwrap().map(of).filter(name).collect()
     };
+    // Weights of the same header and other values make other rows, of the same training runs.
+    let folders = |name: &str| std::fs::read_dir(here.join(name)).unwrap().count();
+    let [rows_before, runs_before] = ["rows", "runs"].map(folders);
+    let mut bytes = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/fusion.safetensors")).unwrap();
+    let last = bytes.len() - 2;
+    bytes[last] ^= 1;
+    let other = folder.path().join("other.safetensors");
+    std::fs::write(&other, bytes).unwrap();
+    smoke(&here, &["--only", "losses", "--weights", other.to_str().unwrap()]);
+    assert_eq!(["rows", "runs"].map(folders), [2 * rows_before, runs_before]);
+
     let weights = runs(&here)[0].join("weights.safetensors");
     let words = ["--only", "losses", "--vae", weights.to_str().unwrap()];
     assert_eq!(rows(smoke(&there, &words)), trained);
@@ -118,6 +129,12 @@ fn rows_stand_on_the_autoencoder_that_is_given() {
     assert!(!given[0].join("log.jsonl").exists(), "it was trained again");
     let text = std::fs::read_to_string(there.join("paper.md")).unwrap();
     assert!(text.contains("The autoencoder is given."), "{text}");
+
+    // It is too small for the whole experiments, which say so before they make anything.
+    let whole = folder.path().join("whole");
+    let output = renderflow(&["paper", "-o", whole.to_str().unwrap(), "--vae", weights.to_str().unwrap()]);
+    assert!(!output.status.success() && stderr(&output).contains("of another preset than wan-small"), "{}", stderr(&output));
+    assert!(!whole.exists());
 }
 
 #[test]

@@ -36,7 +36,7 @@ fuzz_target!(
                 same_again(&results.about);
                 // Pictures are called after their methods.
                 results.about.methods.iter().for_each(|method| plain(&method.id));
-                assert_eq!(results.sequences.len(), 1);
+                assert!(results.sequences.len() <= 1);
                 for sequence in &results.sequences {
                     same_again(&sequence.about);
                     assert!(sequence.about.exposure.is_finite());

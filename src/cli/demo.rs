@@ -10,6 +10,7 @@ use crate::evaluate::results::{Results, Scored, TRUTH, picture_file};
 use crate::evaluate::run;
 use crate::report::{self, table};
 use crate::util::cancel::Cancel;
+use crate::util::output;
 use crate::util::picture;
 use crate::util::progress::Progress;
 use crate::util::ranges::{Resolution, resolution};
@@ -83,6 +84,11 @@ impl Demo {
 
         let progress = Progress::new("path tracing", u64::from(scene.frames) * 1000);
         let folder = self.out.join("sequence");
+        let out = self.out.display();
+        ensure!(
+            output::exists(&folder) || output::is_empty(&self.out)?,
+            "{out}: not empty, and not of a demo; choose another folder"
+        );
         let name = scene.name.clone();
         // The scene beside the frames names the same files in full.
         let named: Vec<PathBuf> = base.folders().map(Path::to_owned).collect();
@@ -107,7 +113,7 @@ impl Demo {
         };
         let [results_folder, report_folder] = ["results", "report"].map(|name| self.out.join(name));
         run::check(&options, &results_folder)?;
-        crate::util::output::check_page(&report_folder.join("index.html"))?;
+        output::check_page(&report_folder.join("index.html"))?;
 
         sequence.make(&work, &settings, &progress, cancel)?;
         progress.finish();

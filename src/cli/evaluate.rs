@@ -26,9 +26,10 @@ const HELP_OF_FOLDERS: &str = "\
 With two folders, the pictures in the first (PNG: display values; EXR, HDR: scene-linear radiance) are compared with those in the
 second: a dataset, a test set, or plain pictures. A picture belongs to the truth of the same path, endings apart, else to that of the
 same folder whose name ends in the same number; where one is there in several forms, the EXR or else the HDR file is taken. Radiance
-becomes sRGB(clamp(exposure x radiance)); datasets say their exposure.
+becomes sRGB(clamp(exposure x radiance)); datasets say their exposure. Pictures are compared again each time.
 
-Sequences that are complete in the results folder are kept: the same command goes on where it was stopped.";
+Methods: sequences that are complete in the results folder are kept, unless their data changed, so the same command goes on where it
+was stopped. Results of sequences that the last command did not ask for stay in the folder and do not count.";
 
 /// Compares methods, or anybody's pictures, with path-traced truth, by metrics with intervals and by seconds.
 #[derive(Args)]
@@ -70,7 +71,7 @@ impl Evaluate {
 #[derive(Args)]
 struct Pictures {
     /// Folder of pictures to compare
-    #[arg(value_name = "PRED_DIR", requires = "truth", conflicts_with = "data")]
+    #[arg(value_name = "PRED_DIR", requires = "truth", conflicts_with_all = ["data", "weights", "vae", "device", "max_bounces"])]
     pictures: Option<PathBuf>,
     /// Folder of the truth
     #[arg(value_name = "TRUTH_DIR")]

@@ -19,6 +19,7 @@ use renderflow_model::renderer::{Options, Rendered, Renderer, Session, State, Vi
 use renderflow_renderer::Settings;
 use renderflow_renderer::denoise::Denoiser;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// The file that says what made the pictures in a folder.
@@ -48,7 +49,7 @@ pub struct Infer {
     /// Trace this many samples for each pixel, instead of deferred shading
     #[arg(long, value_name = "SAMPLES", value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Sampling")]
     rays: Option<u32>,
-    /// Also use the samples of the frames before, or of those before and after: of two for the network, of up to eight for OIDN
+    /// Also use the samples of frames around the frame, as far as they agree
     #[arg(long, value_enum, requires = "rays", help_heading = "Sampling")]
     neighbours: Option<Neighbours>,
     /// The denoised picture that the network reads with the samples of --rays: OIDN's picture of least error (the default where
@@ -73,7 +74,7 @@ pub struct Infer {
 }
 
 /// What decides the pictures. It is written into the folder, so that no other pictures are mixed in.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Record {
     network: String,
     /// BLAKE3 of the weights files; empty for the weights inside the program.
@@ -93,6 +94,23 @@ struct Record {
     max_bounces: Option<u32>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     device: Option<String>,
+    /// What was read, by the name of its pictures; empty in older folders.
+    #[serde(default, skip_serializing_if = "Data::is_empty")]
+    data: Data,
+}
+
+/// Names of inputs, with BLAKE3 of each.
+pub(super) type Data = BTreeMap<String, String>;
+
+/// Says which input of a folder was another one when its pictures were made.
+///
+/// # Errors
+/// When there is one.
+pub(super) fn same_data(then: &Data, now: &Data) -> Result<()> {
+    match now.iter().find(|(name, digest)| then.get(*name).is_some_and(|old| old != *digest)) {
+        Some((name, _)) => bail!("the folder holds pictures of another {name}; choose another folder"),
+        None => Ok(()),
+    }
 }
 
 /// For serde.
@@ -110,7 +128,7 @@ impl Infer {
         };
         ensure!(self.rays.is_none(), "--rays: these weights are of a network that reads no samples");
         let renderer = self.weights.wan(weights, &device)?;
-        let claim = self.claim(&*renderer)?;
+        let claim = self.claim(&*renderer, &dataset)?;
         for sequence in &dataset.sequences {
             ready(sequence).with_context(|| sequence.folder.display().to_string())?;
         }
@@ -169,8 +187,9 @@ impl Infer {
             method: id,
             max_bounces: self.rays.map(|_| self.max_bounces),
             device: device::recorded(&self.weights.device.get()?),
+            data: data(dataset)?,
         };
-        let claim = Claim::new(&self.out, RECORD, &record, OTHERS)?;
+        let claim = claim(&self.out, &record)?;
         for sequence in &dataset.sequences {
             let ready = || -> Result<()> {
                 ready(sequence)?;
@@ -207,7 +226,7 @@ impl Infer {
     }
 
     /// The claim on the folder: it is written before the first picture. Fails if the folder holds other pictures.
-    fn claim(&self, renderer: &dyn Renderer) -> Result<Claim> {
+    fn claim(&self, renderer: &dyn Renderer, dataset: &Dataset) -> Result<Claim> {
         let about = renderer.about();
         ensure!(!self.keyframes || about.keyframes, "--keyframes: this network does not read keyframes");
         let record = Record {
@@ -222,9 +241,29 @@ impl Infer {
             method: String::new(),
             max_bounces: None,
             device: device::recorded(&self.weights.device.get()?),
+            data: data(dataset)?,
         };
-        Claim::new(&self.out, RECORD, &record, OTHERS)
+        claim(&self.out, &record)
     }
+}
+
+/// What is read of each sequence.
+pub(super) fn data(dataset: &Dataset) -> Result<Data> {
+    let digest = |sequence: &Sequence| {
+        let all: Vec<usize> = (0..sequence.len()).collect();
+        let digest = sequence.digest(&all).with_context(|| sequence.folder.display().to_string())?;
+        Ok((sequence.name.clone(), digest))
+    };
+    dataset.sequences.iter().map(digest).collect()
+}
+
+/// The claim on the folder `out` for pictures of `record`.
+fn claim(out: &Path, record: &Record) -> Result<Claim> {
+    Claim::agreed(out, RECORD, record, |there: &Record| {
+        let options = |record: &Record| Record { data: Data::new(), ..record.clone() };
+        ensure!(options(there) == options(record), "the folder holds {OTHERS}; choose another folder");
+        same_data(&there.data, &record.data)
+    })
 }
 
 /// Checks that the frames are there, and that pictures with their names stay in the folder that they are written to.

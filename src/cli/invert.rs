@@ -1,4 +1,5 @@
-use super::{WeightsArgs, infer};
+use super::WeightsArgs;
+use super::infer::{self, Data};
 use crate::dataset::export::picture::{byte, png, word};
 use crate::dataset::{Dataset, Sequence};
 use crate::evaluate::inverter::{Inverter, WanOptions};
@@ -70,7 +71,7 @@ pub struct Invert {
 }
 
 /// What decides the pictures.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Record {
     weights: Vec<String>,
     only: Vec<Intrinsic>,
@@ -81,6 +82,9 @@ struct Record {
     tile: Option<usize>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     device: Option<String>,
+    /// What was read, by the name of what is written; empty in older folders.
+    #[serde(default, skip_serializing_if = "Data::is_empty")]
+    data: Data,
 }
 
 /// A picture to invert.
@@ -119,7 +123,7 @@ impl Invert {
         for sequence in dataset.iter().flat_map(|dataset| &dataset.sequences) {
             infer::ready(sequence).with_context(|| sequence.folder.display().to_string())?;
         }
-        let claim = self.claim(&only)?;
+        let claim = self.claim(&only, data(dataset.as_ref(), &groups)?)?;
         let progress = Progress::new("invert", groups.iter().map(|group| group.len() as u64).sum());
         for clip in groups.iter().flat_map(|group| group.chunks(self.clip.unwrap_or(1) as usize)) {
             cancel.check()?;
@@ -135,7 +139,7 @@ impl Invert {
         Ok(())
     }
 
-    fn claim(&self, only: &[Intrinsic]) -> Result<Claim> {
+    fn claim(&self, only: &[Intrinsic], data: Data) -> Result<Claim> {
         let record = Record {
             weights: self.weights.digests()?,
             tile: self.weights.tile,
@@ -145,8 +149,13 @@ impl Invert {
             steps: self.steps.unwrap_or(1),
             exposure: self.exposure,
             exr: self.exr,
+            data,
         };
-        Claim::new(&self.out, RECORD, &record, infer::OTHERS)
+        Claim::agreed(&self.out, RECORD, &record, |there: &Record| {
+            let options = |record: &Record| Record { data: Data::new(), ..record.clone() };
+            ensure!(options(there) == options(&record), "the folder holds {}; choose another folder", infer::OTHERS);
+            infer::same_data(&there.data, &record.data)
+        })
     }
 
     /// Files of an intrinsic: PNG, and EXR if the user asks for it.
@@ -239,6 +248,18 @@ impl Invert {
             bail!("two pictures would be written as {}", pair[0].display());
         }
         Ok(groups)
+    }
+}
+
+/// What is read: sequences, or the files of `groups`.
+fn data(dataset: Option<&Dataset>, groups: &[Vec<Item>]) -> Result<Data> {
+    let file = |item: &Item| match &item.from {
+        Origin::File(path) => Some(files::hash(path).map(|hash| (item.name.display().to_string(), hash))),
+        Origin::Sequence(..) => None,
+    };
+    match dataset {
+        Some(dataset) => infer::data(dataset),
+        None => groups.iter().flatten().filter_map(file).collect(),
     }
 }
 

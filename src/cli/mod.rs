@@ -35,7 +35,8 @@ use anyhow::{Result, bail, ensure};
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand};
 use renderflow_model::device::NetworkDevice;
-use renderflow_model::fusion::Fusion;
+use renderflow_model::fusion::{Fusion, FusionNet};
+use renderflow_model::network::trained::Described;
 use renderflow_model::renderer::Renderer;
 use renderflow_model::wan::video::{AUTOENCODER_FILE, WanRenderer};
 use renderflow_model::wan::{self, Autoencoder};
@@ -243,9 +244,14 @@ impl WeightsArgs {
     /// BLAKE3 of every weights file; empty for the weights inside the program.
     fn digests(&self) -> Result<Vec<String>> {
         let Some(path) = &self.weights else { return Ok(Vec::new()) };
-        let wan = WanRenderer::recognises(path).then(|| self.vae.clone().unwrap_or_else(|| parent(path).join(AUTOENCODER_FILE)));
+        let wan = WanRenderer::recognises(path).then(|| autoencoder(self.vae.as_deref(), path));
         std::iter::once(path).chain(&wan).map(|path| files::hash(path)).collect()
     }
+}
+
+/// The file of the autoencoder of the paper's network in the file `weights`: the one that is named, or the one beside it.
+fn autoencoder(named: Option<&Path>, weights: &Path) -> PathBuf {
+    named.map_or_else(|| parent(weights).join(AUTOENCODER_FILE), Path::to_owned)
 }
 
 /// The network that reads samples, in the file `weights` or inside the program, on a device.
@@ -276,6 +282,8 @@ struct Networks {
     wan: Option<Box<dyn Renderer>>,
     /// Where they run.
     device: NetworkDevice,
+    /// What their weights are, and the BLAKE3 of each.
+    digests: Vec<(&'static str, String)>,
 }
 
 impl AllWeightsArgs {
@@ -283,14 +291,18 @@ impl AllWeightsArgs {
     /// samples.
     fn open(&self, methods: &[Method]) -> Result<Networks> {
         let device = self.device.open()?;
-        let mut networks = Networks { fusion: None, wan: None, device };
+        let mut networks = Networks { fusion: None, wan: None, device, digests: Vec::new() };
+        let (mut fusion_digest, mut wan_digests) = (None, Vec::new());
         for path in &self.weights {
             let twice = || format!("{}: --weights names two networks of this kind", path.display());
             if Fusion::recognises(path) {
                 ensure!(networks.fusion.replace(fusion(Some(path), &networks.device)?).is_none(), twice());
+                fusion_digest = Some(files::hash(path)?);
             } else {
-                let autoencoder = Autoencoder { file: self.vae.as_deref(), tile: None };
-                ensure!(networks.wan.replace(wan::open(path, autoencoder, &networks.device)?).is_none(), twice());
+                let parts = Autoencoder { file: self.vae.as_deref(), tile: None };
+                ensure!(networks.wan.replace(wan::open(path, parts, &networks.device)?).is_none(), twice());
+                wan_digests.push((WAN_DIGEST, files::hash(path)?));
+                wan_digests.push((AUTOENCODER_DIGEST, files::hash(&autoencoder(self.vae.as_deref(), path))?));
             }
         }
         if let Some(vae) = self.vae.as_ref().filter(|_| networks.wan.is_none()) {
@@ -301,12 +313,23 @@ impl AllWeightsArgs {
         } else if networks.fusion.is_none() {
             networks.fusion = Some(fusion(None, &networks.device)?);
         }
-        if !methods.iter().any(Method::is_wan) {
+        if networks.fusion.is_some() {
+            let inside = || FusionNet::shipped().map(|bytes| blake3::hash(bytes).to_hex().to_string());
+            networks.digests.extend(fusion_digest.or_else(inside).map(|digest| (FUSION_DIGEST, digest)));
+        }
+        if methods.iter().any(Method::is_wan) {
+            networks.digests.extend(wan_digests);
+        } else {
             networks.wan = None;
         }
         Ok(networks)
     }
 }
+
+/// Names of the settings that tell weights apart: files with the same header may hold other values.
+const FUSION_DIGEST: &str = "network, BLAKE3";
+const WAN_DIGEST: &str = "network (wan), BLAKE3";
+const AUTOENCODER_DIGEST: &str = "autoencoder (wan), BLAKE3";
 
 impl Networks {
     /// Options of rendering by `methods` with these networks.
@@ -314,12 +337,13 @@ impl Networks {
         renderer::Options { fusion: self.fusion.as_ref(), wan: self.wan.as_deref(), ..renderer::Options::new(methods) }
     }
 
-    /// What the weights say about themselves, as settings for a report.
+    /// What the weights say about themselves, and what tells them apart, as settings for a report.
     fn settings(&self) -> Vec<(String, String)> {
         let fusion = self.fusion.as_ref().and_then(|fusion| serde_json::to_string(fusion.header()).ok());
         let wan = self.wan.as_ref().map(|wan| wan.about().header);
         let named = [("network", fusion), ("network (wan)", wan), ("device", device::recorded(&self.device))];
-        named.into_iter().filter_map(|(name, header)| Some((name.to_owned(), header?))).collect()
+        let named = named.into_iter().filter_map(|(name, header)| Some((name, header?)));
+        named.chain(self.digests.iter().cloned()).map(|(name, value)| (name.to_owned(), value)).collect()
     }
 }
 

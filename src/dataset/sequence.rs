@@ -2,7 +2,7 @@
 //! .rff, ...}`.
 
 use super::record::Record;
-use crate::dataset::layout::{TRANSFORMS, frame_number, is_sequence};
+use crate::dataset::layout::{SCENE, TRANSFORMS, frame_number, is_sequence};
 use crate::util::files;
 use anyhow::{Context, Result, anyhow, ensure};
 use rayon::prelude::*;
@@ -11,6 +11,7 @@ use renderflow_frame::reach::plain_name;
 use renderflow_frame::{Camera, DepthBounds, Environment, Frame, Light, file, hdr, transforms};
 use renderflow_model::renderer::{self, KeyframePlace};
 use renderflow_scenes::procedural::Split;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
@@ -109,6 +110,28 @@ impl Sequence {
             light: OnceLock::new(),
             depths: OnceLock::new(),
         })
+    }
+
+    /// BLAKE3 of what tells the stored frames `indices` from those of other data: of the descriptions, of these frames, and of the
+    /// keyframes. Of a frame whose size is the recorded one, the recorded BLAKE3 is taken, so that large sets need not be read
+    /// again.
+    ///
+    /// # Errors
+    /// When a file cannot be read.
+    pub fn digest(&self, indices: &[usize]) -> Result<String> {
+        let keyframes = &self.transforms.keyframes;
+        let hash = |name: &str| -> Result<Option<String>> {
+            let path = self.folder.join(name);
+            let Ok(about) = std::fs::metadata(&path) else { return Ok(None) };
+            let mut recorded = self.record.iter().flat_map(|record| &record.frames);
+            let known = recorded.find(|frame| frame.file == name && frame.bytes == about.len());
+            known.map_or_else(|| files::hash(&path), |frame| Ok(frame.blake3.clone())).map(Some)
+        };
+        let read: BTreeSet<usize> = indices.iter().chain(keyframes).copied().collect();
+        let frames = read.into_iter().filter_map(|index| self.transforms.files.get(index)).map(String::as_str);
+        let names = [TRANSFORMS, SCENE, self.transforms.environment.as_str()].into_iter().chain(frames);
+        let hashes = names.map(|name| Ok((name, hash(name)?))).collect::<Result<Vec<_>>>()?;
+        Ok(blake3::hash(&serde_json::to_vec(&(hashes, keyframes))?).to_hex().to_string())
     }
 
     /// Takes the frames whose number is a multiple of `gap`, at least 1, as keyframes instead of those of the files.

@@ -4,6 +4,7 @@ use super::find;
 use crate::dataset::Dataset;
 use crate::util::cancel::Cancel;
 use crate::util::device::DeviceArgs;
+use crate::util::output;
 use crate::util::progress::Progress;
 use anyhow::{Result, ensure};
 use clap::Args;
@@ -59,6 +60,8 @@ struct Set {
 impl Options {
     /// Measures and prints.
     pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+        let path = self.out.join("autoencoder.json");
+        output::absent(&path)?;
         let (vae, _) = Vae::open(&self.vae, &VaeConfig::wan(), self.device.open()?.device())?;
         let mut sets: BTreeMap<String, Dataset> = BTreeMap::new();
         for test in find::find(&self.data)? {
@@ -88,7 +91,6 @@ impl Options {
         progress.finish();
         ensure!(!found.is_empty(), "{}: no sequences", self.data.display());
         std::fs::create_dir_all(&self.out)?;
-        let path = self.out.join("autoencoder.json");
         file::write_json(&path, &found)?;
         if self.json {
             println!("{}", serde_json::to_string_pretty(&found)?);

@@ -2,8 +2,8 @@
 //! all.
 
 use super::find::{TestSequence, find};
-use super::results::{ABOUT, About, Group, MethodInfo, Score, SequenceSummary, TRUTH, Truth, VERSION, picture_file};
-use super::run::{CURVE, write_scores};
+use super::results::{ABOUT, About, Group, MethodInfo, Score, SequenceSummary, TRUTH, Truth, VERSION, picture_file, place};
+use super::run::{CURVE, forget, lpips, write_scores};
 use crate::dataset::sequence::find_folders;
 use crate::metrics::temporal::{Pair, correspondence, temporal};
 use crate::metrics::{self, Hdr, Networks, values};
@@ -14,14 +14,17 @@ use crate::util::{files, picture};
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
 use renderflow_frame::image::{Image, Rgb};
-use renderflow_frame::{Frame, color, file, hdr};
-use std::collections::BTreeMap;
+use renderflow_frame::{Frame, color, exr, file, hdr};
 use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Endings of pictures that can be compared. If a picture is there with several endings, the first one here is taken: radiance
 /// before display values.
 pub const ENDINGS: [&str; 3] = ["exr", "hdr", "png"];
+
+/// The first bytes of every OpenEXR file.
+const EXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 
 /// How to compare.
 pub struct Options<'a> {
@@ -57,23 +60,35 @@ struct Match<'a> {
 struct TruthFolder {
     set: String,
     class: String,
-    /// Path below the truth, without the names of splits; the predictions may lie under the same path.
+    /// Its name in the results.
     name: String,
+    /// Path below the truth; the predictions may lie under the same path.
+    path: PathBuf,
     exposure: f32,
     test: Option<TestSequence>,
-    /// Number and file of every truth. The number comes from the frame, or else is the position.
+    /// Number and file of every truth. The number comes from the names of the files, or is the position where two names end in
+    /// the same number or one ends in none.
     truths: Vec<(usize, PathBuf)>,
+}
+
+impl TruthFolder {
+    /// The set, the class and the name in one text.
+    fn place(&self) -> String {
+        place(&self.set, &self.class, &self.name)
+    }
 }
 
 /// Compares the pictures below `predictions` with those below `truth` and writes results into `out`. Returns how many were
 /// compared.
 ///
-/// A picture belongs to the truth of the same path, endings apart; else to the one of the same folder whose name ends in the same
-/// number. Where one is there with several endings, the EXR is taken, else the HDR. The folder of a truth's sequence may be named
-/// in full or by its last part, and left out where there is only one.
+/// A picture belongs to the truth of the same path, endings apart; else to the only one of the same folder whose name ends in the
+/// same number. Where one is there with several endings, the EXR is taken, else the HDR. The folder of a truth's sequence may be
+/// named in full or by its last part, and left out where there is only one.
 ///
 /// PNG holds display values as they are. EXR and HDR hold scene-linear radiance, which becomes sRGB(clamp(exposure x radiance))
 /// with the exposure of the truth's sequence, or `options.exposure` where the truth is no dataset.
+///
+/// Every comparison is made again. Results of other folders of truth in `out` stay, but no longer count.
 ///
 /// # Errors
 /// When a picture is missing (unless `partial`), cannot be read, or differs in size; all missing ones are counted, the first
@@ -90,11 +105,17 @@ pub fn run(
     let folders = folders(truth, options.exposure)?;
     let pairs = matched(predictions, &folders, options.partial)?;
     let method = MethodInfo::new("pictures".into(), options.label.clone(), Group::Other);
+    let mut asked = BTreeMap::new();
+    for (folder, pairs) in folders.iter().zip(&pairs).filter(|(_, pairs)| !pairs.is_empty()) {
+        let twice = asked.insert(folder.place(), data(pairs)?).is_some();
+        ensure!(!twice, "{}: two of its folders would be called {} in the results", truth.display(), folder.name);
+    }
     let about = About {
         version: VERSION,
         program: concat!("renderflow ", env!("CARGO_PKG_VERSION")).into(),
         title: format!("{} against the truth", options.label),
         machine: crate::util::machine::processor(),
+        lpips: Some(lpips(options.lpips)),
         curve: CURVE.into(),
         methods: vec![method],
         settings: vec![
@@ -102,6 +123,7 @@ pub fn run(
             ("truth".into(), truth.display().to_string()),
             ("exposure where the truth has none".into(), options.exposure.to_string()),
         ],
+        sequences: Some(asked.clone()),
     };
     // The folders of truth and pictures are settings here: other folders make another comparison.
     let claim = Claim::agreed(out, ABOUT, &about, |stored: &About| {
@@ -117,7 +139,9 @@ pub fn run(
         }
         let class = out.join(&folder.set).join(&folder.class);
         let (about, scores, shown_pictures) = sequence(folder, pairs, options, progress, cancel)?;
+        let about = SequenceSummary { data: asked.get(&folder.place()).cloned(), ..about };
         claim.write()?;
+        forget(&class.join(format!("{}.json", about.name)))?;
         for (name, bytes) in shown_pictures {
             file::write_atomic(&class.join(&folder.name).join(name), &bytes)?;
         }
@@ -135,28 +159,28 @@ fn folders(truth: &Path, exposure: f32) -> Result<Vec<TruthFolder>> {
             set: test.set.clone(),
             class: test.class.clone(),
             name: test.sequence.name.clone(),
+            path: test.sequence.folder.strip_prefix(truth).unwrap_or(Path::new("")).to_owned(),
             exposure: test.sequence.exposure(),
             truths: (0..test.sequence.len()).map(|i| (test.sequence.numbers[i], test.sequence.file(i))).collect(),
             test: Some(test),
         };
         return Ok(find(truth)?.into_iter().map(folder).collect());
     }
-    let mut by_folder: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
+    let mut by_folder: BTreeMap<PathBuf, Vec<PathBuf>> = BTreeMap::new();
     for path in pictures(truth)? {
-        let parent = path.parent().and_then(|p| p.strip_prefix(truth).ok()).unwrap_or(Path::new(""));
-        by_folder.entry(parent.to_string_lossy().into_owned()).or_default().push(path);
+        let parent = path.parent().and_then(|p| p.strip_prefix(truth).ok()).unwrap_or(Path::new("")).to_owned();
+        by_folder.entry(parent).or_default().push(path);
     }
     ensure!(!by_folder.is_empty(), "{}: neither sequences nor pictures ({})", truth.display(), ENDINGS.join(", "));
     let own = truth.file_name().map_or_else(|| "truth".into(), |name| name.to_string_lossy().into_owned());
-    let folder = |(name, paths): (String, Vec<PathBuf>)| {
+    let folder = |(path, paths): (PathBuf, Vec<PathBuf>)| {
+        let name = path.to_string_lossy().into_owned();
         let numbers: Vec<Option<usize>> = paths.iter().map(|path| number(path)).collect();
-        let mut distinct: Vec<usize> = numbers.iter().copied().flatten().collect();
-        distinct.sort_unstable();
-        distinct.dedup();
+        let distinct: BTreeSet<usize> = numbers.iter().copied().flatten().collect();
         let numbered = distinct.len() == paths.len();
         let truths = paths.into_iter().enumerate().map(|(i, path)| (if numbered { numbers[i].unwrap_or(i) } else { i }, path));
         let name = if name.is_empty() { own.clone() } else { name.replace(['/', '\\'], "-") };
-        TruthFolder { set: own.clone(), class: "pictures".into(), name, exposure, test: None, truths: truths.collect() }
+        TruthFolder { set: own.clone(), class: "pictures".into(), name, path, exposure, test: None, truths: truths.collect() }
     };
     Ok(by_folder.into_iter().map(folder).collect())
 }
@@ -209,6 +233,7 @@ fn matched<'a>(predictions: &Path, folders: &'a [TruthFolder], partial: bool) ->
     let (mut pairs, mut missing) = (Vec::new(), Vec::new());
     for folder in folders {
         let mut places = vec![
+            folder.path.clone(),
             PathBuf::from(&folder.set).join(&folder.class).join(&folder.name),
             PathBuf::from(&folder.class).join(&folder.name),
             PathBuf::from(&folder.name),
@@ -216,19 +241,24 @@ fn matched<'a>(predictions: &Path, folders: &'a [TruthFolder], partial: bool) ->
         if folders.len() == 1 {
             places.push(PathBuf::new());
         }
+        let mut truths_of: BTreeMap<usize, usize> = BTreeMap::new();
+        folder.truths.iter().filter_map(|(_, truth)| number(truth)).for_each(|number| *truths_of.entry(number).or_default() += 1);
         let mut found = Vec::new();
-        for (number, truth) in &folder.truths {
+        for (position, truth) in &folder.truths {
             let stem = truth.file_stem().unwrap_or_default().to_string_lossy().into_owned();
             let named = places.iter().find_map(|place| by_name.get(&(place.clone(), stem.clone())).copied());
+            // A truth whose name ends in no number, or in that of another truth, is known by its name alone.
             let numbered = || -> Result<Option<&PathBuf>> {
-                let Some(same) = places.iter().find_map(|place| by_number.get(&(place.clone(), *number))) else {
+                let own = number(truth).filter(|number| truths_of.get(number) == Some(&1));
+                let Some(number) = own else { return Ok(None) };
+                let Some(same) = places.iter().find_map(|place| by_number.get(&(place.clone(), number))) else {
                     return Ok(None);
                 };
                 ensure!(same.len() == 1, "{} and {} both end in {number}: which is it?", same[0].display(), same[1].display());
                 Ok(Some(same[0]))
             };
             match named.map_or_else(numbered, |path| Ok(Some(path)))? {
-                Some(path) => found.push(Match { number: *number, truth: truth.as_path(), picture: path.clone() }),
+                Some(path) => found.push(Match { number: *position, truth: truth.as_path(), picture: path.clone() }),
                 None => missing.push(truth),
             }
         }
@@ -258,11 +288,32 @@ fn read(path: &Path, exposure: f32, expected: Option<[usize; 2]>) -> Result<Read
     if let Some(expected) = expected {
         picture::same_size(path, hdr::size(path, &bytes)?, expected)?;
     }
-    let map = hdr::decode(path, &bytes)?;
-    if map.repaired > 0 {
-        eprintln!("note: {}: {} pixels were not finite or negative and count as black", path.display(), map.repaired);
+    let (mut linear, mut broken) = if bytes.starts_with(&EXR) {
+        (exr::decode_rgb(path, &bytes)?, 0)
+    } else {
+        let map = hdr::decode(path, &bytes)?;
+        (map.map, map.repaired)
+    };
+    for pixel in &mut linear.pixels {
+        if pixel.iter().all(|value| value.is_finite()) {
+            // Denoisers and wide filters leave components slightly below 0; the others of the pixel are right.
+            *pixel = pixel.map(|value| value.max(0.0));
+        } else {
+            *pixel = [0.0; 3];
+            broken += 1;
+        }
     }
-    Ok(Read { display: map.map.map(|p| color::display(*p, exposure)), linear: Some(map.map), alpha: None, frame: None })
+    if broken > 0 {
+        eprintln!("note: {}: {broken} pixels were not finite and count as black", path.display());
+    }
+    Ok(Read { display: linear.map(|p| color::display(*p, exposure)), linear: Some(linear), alpha: None, frame: None })
+}
+
+/// BLAKE3 of the pictures of a folder and their truths.
+fn data(pairs: &[Match<'_>]) -> Result<String> {
+    let one = |pair: &Match<'_>| Ok((pair.number, files::hash(pair.truth)?, files::hash(&pair.picture)?));
+    let hashes = pairs.par_iter().map(one).collect::<Result<Vec<_>>>()?;
+    Ok(blake3::hash(&serde_json::to_vec(&hashes)?).to_hex().to_string())
 }
 
 impl TruthFolder {
@@ -374,5 +425,47 @@ mod tests {
         ] {
             assert_eq!(number(Path::new(name)), expected, "{name}");
         }
+    }
+
+    /// The stems of the truths and pictures that belong together, by path.
+    fn pairs(truths: &[&str], pictures: &[&str], partial: bool) -> Result<Vec<String>> {
+        let folder = tempfile::tempdir()?;
+        let [truth, mine] = ["truth", "mine"].map(|name| folder.path().join(name));
+        for (root, names) in [(&truth, truths), (&mine, pictures)] {
+            for name in names {
+                file::write_atomic(&root.join(name), b"")?;
+            }
+        }
+        let folders = folders(&truth, 1.0)?;
+        let found = matched(&mine, &folders, partial)?;
+        let name = |root: &Path, path: &Path| path.strip_prefix(root).unwrap().with_extension("").display().to_string();
+        let pair = |pair: &Match<'_>| format!("{} {}", name(&truth, pair.truth), name(&mine, &pair.picture));
+        let mut named: Vec<String> = found.iter().flatten().map(pair).collect();
+        named.sort();
+        Ok(named)
+    }
+
+    #[test]
+    fn truths_are_known_by_their_path_and_then_by_their_own_number() {
+        let rooms = ["bathroom.png", "kitchen.png"];
+        let said = pairs(&rooms, &["bathroom_1.png", "kitchen_0.png"], true).unwrap_err().to_string();
+        assert!(said.contains("none of its 2 pictures"), "{said}");
+        assert_eq!(pairs(&rooms, &["kitchen_0.png", "kitchen.exr"], true).unwrap(), ["kitchen kitchen"]);
+        assert_eq!(pairs(&["left_1.png", "right_1.png"], &["out_1.png", "right_1.png"], true).unwrap(), ["right_1 right_1"]);
+        assert_eq!(pairs(&["a0.png", "a1.png"], &["out_01.png", "out_00.png"], false).unwrap(), ["a0 out_00", "a1 out_01"]);
+        let deep = ["1.png", "y/z/1.png", "y-z/1.png"];
+        assert_eq!(pairs(&deep, &deep, false).unwrap(), ["1 1", "y-z/1 y-z/1", "y/z/1 y/z/1"]);
+    }
+
+    #[test]
+    fn components_below_zero_cost_no_pixel() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.exr");
+        let pixels = [[-0.01, 0.5, 2.0], [f32::NAN, 0.5, 0.5], [0.5, f32::INFINITY, 0.5], [0.25, 0.5, 1.0]];
+        ::exr::prelude::write_rgb_file(&path, 4, 1, |x, _| (pixels[x][0], pixels[x][1], pixels[x][2])).unwrap();
+        let found = read(&path, 1.0, Some([4, 1])).unwrap();
+        let linear = found.linear.unwrap().pixels;
+        assert_eq!(linear, [[0.0, 0.5, 2.0], [0.0; 3], [0.0; 3], [0.25, 0.5, 1.0]]);
+        assert_eq!(found.display.pixels, linear.iter().map(|p| color::display(*p, 1.0)).collect::<Vec<_>>());
     }
 }

@@ -9,6 +9,7 @@ use crate::metrics::intrinsics::{self, Buffers, COLUMNS, Column};
 use crate::metrics::{Networks, median};
 use crate::util::cancel::Cancel;
 use crate::util::device::{DeviceArgs, recorded};
+use crate::util::output;
 use crate::util::picture;
 use crate::util::progress::Progress;
 use anyhow::{Context, Result, ensure};
@@ -67,7 +68,7 @@ pub struct Options {
 pub struct Set {
     /// Its name.
     pub name: String,
-    /// Number of frames that were measured.
+    /// Number of frames of which anything was measured.
     pub frames: usize,
     /// The method, and what needs no network.
     pub rows: Vec<Row>,
@@ -142,7 +143,9 @@ pub fn measure(method: &Method, tests: &[TestSequence], every: u32, networks: &N
             cancel.check()?;
             let name = || test.sequence.folder.join(&test.sequence.transforms.files[index]).display().to_string();
             let errors = frame(method, &test.sequence, index, networks, &mut tallies[0].seconds);
-            let [ours, others] = errors.with_context(name)?;
+            let [ours, mut others] = errors.with_context(name)?;
+            // Both rows are means over the same frames.
+            others.retain(|id, _| ours.contains_key(id));
             found.push(ours);
             start.push(others);
             progress.add(1);
@@ -153,7 +156,7 @@ pub fn measure(method: &Method, tests: &[TestSequence], every: u32, networks: &N
     progress.finish();
     let name = if matches!(method, Method::Network(_)) { "network" } else { "buffers" };
     let sets = sets.into_iter().map(|(set, [found, start])| {
-        let frames = found.sequences.iter().map(Vec::len).sum();
+        let frames = found.sequences.iter().flatten().filter(|errors| !errors.is_empty()).count();
         Set { name: set.to_owned(), frames, rows: vec![found.row(name), start.row("no network")] }
     });
     Ok(sets.collect())
@@ -170,6 +173,8 @@ impl Options {
             }
             Some(folder) => (Method::Folder(folder), None),
         };
+        let path = self.out.join("inverse.json");
+        output::absent(&path)?;
         let tests = find::find(&self.data)?;
         if let Method::Folder(_) = method {
             let mut names = BTreeSet::new();
@@ -182,7 +187,6 @@ impl Options {
             ensure!(any, "{}: no buffers of any frame of {}", folder.display(), self.data.display());
         }
         std::fs::create_dir_all(&self.out)?;
-        let path = self.out.join("inverse.json");
         let results = Results { columns: &COLUMNS, device, sets };
         file::write_json(&path, &results)?;
         if self.json {

@@ -112,12 +112,28 @@ pub struct About {
     pub title: String,
     /// Name of the processor, and number of threads.
     pub machine: String,
+    /// The LPIPS networks that were there; `None` where nobody wrote it down.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lpips: Option<String>,
     /// How radiance becomes the display values that metrics see.
     pub curve: String,
     /// In the order of table rows.
     pub methods: Vec<MethodInfo>,
     /// Name and value of every setting.
     pub settings: Vec<(String, String)>,
+    /// What the last run asked for: the digest of the data of each sequence ([`SequenceSummary::data`]), by its
+    /// [`place`](SequenceSummary::place). Results of other sequences or data do not count. `None` where nobody wrote it down:
+    /// then all count.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sequences: Option<BTreeMap<String, String>>,
+}
+
+impl About {
+    /// Whether the last run asked for this result.
+    fn counts(&self, sequence: &SequenceSummary) -> bool {
+        let Some(asked) = &self.sequences else { return true };
+        sequence.data.is_some() && asked.get(&sequence.place()) == sequence.data.as_ref()
+    }
 }
 
 /// One sequence.
@@ -129,6 +145,9 @@ pub struct SequenceSummary {
     pub class: String,
     /// Folder name.
     pub name: String,
+    /// BLAKE3 of what was compared; `None` where nobody wrote it down.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub data: Option<String>,
     /// Pixels.
     pub width: usize,
     /// Pixels.
@@ -172,6 +191,11 @@ pub struct Truth {
 }
 
 impl SequenceSummary {
+    /// Its set, class and name, which are also the path of its results.
+    pub fn place(&self) -> String {
+        place(&self.set, &self.class, &self.name)
+    }
+
     /// Seconds for each frame that a method pays for the truth of keyframes if it reads them: a keyframe's seconds, divided by
     /// the gap. `None` where they were not stored, or there are no keyframes.
     pub fn truth_share(&self) -> Option<f64> {
@@ -220,13 +244,19 @@ pub struct Results {
     pub sequences: Vec<Scored>,
 }
 
+/// The set, the class and the name of a sequence in one text.
+pub fn place(set: &str, class: &str, name: &str) -> String {
+    format!("{set}/{class}/{name}")
+}
+
 /// File name of a picture in the folder of its sequence.
 pub fn picture_file(frame: usize, method: &str) -> String {
     format!("{frame:04}.{method}.png")
 }
 
 impl Results {
-    /// Reads a results folder; sequences that are not complete are left out.
+    /// Reads a results folder. Sequences that are not complete are left out, and so are those that the last run did not ask for,
+    /// which a note on standard error counts.
     ///
     /// # Errors
     /// When a file cannot be read. The message names the file and the line.
@@ -239,15 +269,25 @@ impl Results {
             // Pictures are named after methods.
             plain_name(&method.id).map_err(|reason| anyhow::anyhow!("{}: /methods/{i}/id: {reason}", path.display()))?;
         }
-        let mut sequences = Vec::new();
+        let (mut sequences, mut left_out) = (Vec::new(), 0);
         for set in folders(folder)? {
             for class in folders(&set)? {
                 for file in files::list(&class)?.into_iter().filter(|path| path.extension().is_some_and(|e| e == "json")) {
+                    let summary: SequenceSummary = file::read_json(&file)?;
+                    if !about.counts(&summary) {
+                        left_out += 1;
+                        continue;
+                    }
                     let scores = read_scores(&file.with_extension("jsonl"))?;
-                    let about = file::read_json(&file)?;
-                    sequences.push(Scored { about, pictures: file.with_extension(""), scores });
+                    sequences.push(Scored { about: summary, pictures: file.with_extension(""), scores });
                 }
             }
+        }
+        if left_out > 0 {
+            eprintln!(
+                "note: {}: {left_out} of the results are of sequences or data that the last run did not ask for, and do not count",
+                folder.display()
+            );
         }
         Ok(Self { about, sequences })
     }

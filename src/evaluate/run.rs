@@ -4,7 +4,7 @@
 use super::find::TestSequence;
 use super::method::Method;
 use super::renderer::{self, Drawing, MethodRenderer, Picture};
-use super::results::{ABOUT, About, Score, SequenceSummary, TRUTH, Truth, VERSION, picture_file};
+use super::results::{ABOUT, About, Score, SequenceSummary, TRUTH, Truth, VERSION, picture_file, place};
 use crate::dataset::job;
 use crate::dataset::layout::AUDIT;
 use crate::dataset::record::Record;
@@ -13,13 +13,14 @@ use crate::metrics::temporal::{Pair, correspondence, temporal};
 use crate::metrics::{self, Hdr, Metrics, Networks, median, values};
 use crate::util::cancel::Cancel;
 use crate::util::output::Claim;
-use crate::util::picture;
 use crate::util::progress::Progress;
+use crate::util::{machine, picture};
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, color, file};
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::path::Path;
 
 /// The colour curve before the metrics.
@@ -46,32 +47,40 @@ pub struct Options<'a> {
     pub settings: Vec<(String, String)>,
 }
 
-/// Evaluates `tests` into the results folder `out`. Sequences that are complete there stay. Every frame is one unit of
-/// `progress`.
+/// Evaluates `tests` into the results folder `out`. Sequences that are complete there stay, unless their data changed; results of
+/// sequences that are not among `tests` stay too, but no longer count. Every frame is one unit of `progress`.
 ///
 /// # Errors
-/// When stopped; when the folder holds results of other methods or settings; when a sequence cannot be read or lacks truth.
+/// When stopped; when the folder holds results of other methods, settings, metrics or another machine; when a sequence cannot be
+/// read or lacks truth.
 pub fn run(tests: &[TestSequence], options: &Options, out: &Path, progress: &Progress, cancel: &Cancel) -> Result<()> {
-    let claim = claim(options, out)?;
-    for test in tests {
-        ready(test, options.every).with_context(|| test.sequence.folder.display().to_string())?;
-    }
+    check(options, out)?;
+    let named = |test: &TestSequence| test.sequence.folder.display().to_string();
+    tests.iter().try_for_each(|test| ready(test, options.every).with_context(|| named(test)))?;
+    let digest = |test: &TestSequence| {
+        cancel.check()?;
+        test.sequence.digest(&chosen(test.sequence.len(), options.every)).with_context(|| named(test))
+    };
+    let digests = tests.par_iter().map(digest).collect::<Result<Vec<String>>>()?;
+    let name = |test: &TestSequence| place(&test.set, &test.class, &test.sequence.name);
+    let asked = tests.iter().map(name).zip(digests.iter().cloned()).collect();
+    let claim = claim(&About { sequences: Some(asked), ..about(options) }, out)?;
     let evaluation = Evaluation { options, claim: &claim, progress, cancel };
-    for test in tests {
+    for (test, data) in tests.iter().zip(&digests) {
         let class = out.join(&test.set).join(&test.class);
         let done = class.join(format!("{}.json", test.sequence.name));
         let indices = chosen(test.sequence.len(), options.every);
         let stored: Option<SequenceSummary> = file::read_json(&done).ok();
         let numbers: Vec<usize> = indices.iter().map(|&i| test.sequence.numbers[i]).collect();
-        if stored.is_some_and(|stored| stored.frames == numbers) {
+        if stored.is_some_and(|stored| stored.frames == numbers && stored.data.as_ref() == Some(data)) {
             progress.resume(indices.len() as u64);
             continue;
         }
-        progress.message(format!("{}/{}/{}", test.set, test.class, test.sequence.name));
-        let about = evaluation.sequence(test, &indices, &class).with_context(|| test.sequence.folder.display().to_string())?;
-        file::write_json(&done, &about)?;
+        progress.message(name(test));
+        let summary = evaluation.sequence(test, &indices, &class).with_context(|| named(test))?;
+        file::write_json(&done, &SequenceSummary { data: Some(data.clone()), ..summary })?;
     }
-    Ok(())
+    claim.write()
 }
 
 /// The number of frames of a sequence that are evaluated.
@@ -82,9 +91,9 @@ pub fn frames(test: &TestSequence, every: u32) -> usize {
 /// Checks that results of these options may be written into the folder `out`.
 ///
 /// # Errors
-/// When the folder holds results of other methods or settings, or anything else.
+/// When the folder holds results of other methods, settings, metrics or another machine, or anything else.
 pub fn check(options: &Options, out: &Path) -> Result<()> {
-    claim(options, out).map(drop)
+    claim(&about(options), out).map(drop)
 }
 
 /// Checks that the truth of a sequence can be compared, as far as its files and its record show.
@@ -98,8 +107,20 @@ fn ready(test: &TestSequence, every: u32) -> Result<()> {
     Ok(())
 }
 
-/// The claim on the results folder, which is written before the first result.
-fn claim(options: &Options, out: &Path) -> Result<Claim> {
+/// The processor and the number of threads, on which seconds depend.
+pub fn machine() -> String {
+    format!("{}, {} threads", machine::processor(), rayon::current_num_threads())
+}
+
+/// The names of the LPIPS networks that are there.
+pub fn lpips(networks: &Networks) -> String {
+    let named = [("AlexNet", networks.alex.is_some()), ("SqueezeNet", networks.squeeze.is_some())];
+    let there: Vec<&str> = named.into_iter().filter(|(_, there)| *there).map(|(name, _)| name).collect();
+    if there.is_empty() { "none".into() } else { there.join(", ") }
+}
+
+/// The facts about an evaluation, without its sequences.
+fn about(options: &Options) -> About {
     let mut settings = vec![
         ("camera rays per pixel of the G-buffer".to_owned(), options.rendering.guide_samples.to_string()),
         ("scattering events of a path".to_owned(), options.rendering.max_bounces.to_string()),
@@ -116,18 +137,29 @@ fn claim(options: &Options, out: &Path) -> Result<Claim> {
     settings
         .extend(drawing.into_iter().filter(|(_, other, _)| *other).map(|(name, _, value)| (name.to_owned(), value.to_string())));
     settings.extend(options.settings.iter().cloned());
-    let about = About {
+    About {
         version: VERSION,
         program: concat!("renderflow ", env!("CARGO_PKG_VERSION")).into(),
         title: options.title.clone(),
-        machine: format!("{}, {} threads", crate::util::machine::processor(), rayon::current_num_threads()),
+        machine: machine(),
+        lpips: Some(lpips(options.lpips)),
         curve: CURVE.into(),
         methods: options.rendering.methods.iter().map(Method::describe).collect(),
         settings,
-    };
-    Claim::agreed(out, ABOUT, &about, |stored: &About| {
+        sequences: None,
+    }
+}
+
+/// The claim on the results folder, which is written before the first result.
+fn claim(about: &About, out: &Path) -> Result<Claim> {
+    Claim::agreed(out, ABOUT, about, |stored: &About| {
         let same = (&stored.methods, &stored.settings) == (&about.methods, &about.settings);
         ensure!(same, "the folder holds results of other methods or settings; choose another folder");
+        let (then, now) = (&stored.machine, &about.machine);
+        ensure!(then == now, "the folder holds seconds of {then}, and these would be of {now}; choose another folder");
+        if let (Some(then), Some(now)) = (&stored.lpips, &about.lpips) {
+            ensure!(then == now, "the folder holds results with LPIPS of {then}, and here it is {now}; choose another folder");
+        }
         Ok(())
     })
 }
@@ -207,6 +239,8 @@ impl Evaluation<'_> {
                 .collect::<Result<_>>()?;
             let mut displayed = BTreeMap::new();
             claim.write()?;
+            // What is there of other data is no longer complete.
+            forget(&class.join(format!("{}.json", sequence.name)))?;
             if shown.contains(&index) {
                 file::write_atomic(&pictures.join(picture_file(number, TRUTH)), &picture::png(&truth)?)?;
             }
@@ -237,6 +271,7 @@ impl Evaluation<'_> {
             set: test.set.clone(),
             class: test.class.clone(),
             name: sequence.name.clone(),
+            data: None,
             width: size.width,
             height: size.height,
             frames: numbers(indices),
@@ -264,6 +299,16 @@ fn keyframe_gap(keys: &[usize], frames: usize) -> Option<f64> {
         [] => None,
         [_] => Some(frames as f64),
         [first, .., last] => Some((last.abs_diff(*first)) as f64 / (keys.len() - 1) as f64),
+    }
+}
+
+/// Removes the summary of a sequence, if there is one.
+pub(super) fn forget(summary: &Path) -> Result<()> {
+    match std::fs::remove_file(summary) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("{}: cannot remove", summary.display()))
+        }
+        _ => Ok(()),
     }
 }
 

@@ -58,7 +58,13 @@ pub const METRICS: &[Metric] = &[
         digits: 4,
         rising: false,
     },
-    Metric { id: "flip_object", label: "FLIP object", meaning: "the same over covered pixels", digits: 4, rising: false },
+    Metric {
+        id: "flip_object",
+        label: "FLIP object",
+        meaning: "difference seen when two pictures are flipped, covered pixels",
+        digits: 4,
+        rising: false,
+    },
     Metric {
         id: "rel_mse",
         label: "relMSE",
@@ -66,11 +72,11 @@ pub const METRICS: &[Metric] = &[
         digits: 4,
         rising: false,
     },
-    Metric { id: "rel_mse_object", label: "relMSE object", meaning: "the same over covered pixels", digits: 4, rising: false },
+    Metric { id: "rel_mse_object", label: "relMSE object", meaning: "relMSE over covered pixels", digits: 4, rising: false },
     Metric {
         id: "rel_mse_robust",
         label: "relMSE robust",
-        meaning: "the same without the 0.1 % of pixels with the largest error, full frame",
+        meaning: "relMSE without the 0.1 % of pixels with the largest error, full frame",
         digits: 4,
         rising: false,
     },

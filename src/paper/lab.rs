@@ -12,24 +12,28 @@ use crate::evaluate::results::Results;
 use crate::evaluate::run;
 use crate::metrics::Networks;
 use crate::util::cancel::{Cancel, Interrupted};
-use crate::util::device;
 use crate::util::progress::Progress;
-use anyhow::{Context, Result};
+use crate::util::{device, files};
+use anyhow::{Context, Result, ensure};
 use renderflow_frame::file;
 use renderflow_model::data::ClipSource;
 use renderflow_model::fusion::Fusion;
 use renderflow_model::renderer::Renderer;
 use renderflow_model::train::Team;
 use renderflow_model::train::runner::RunContext;
+use renderflow_model::wan::flow::FlowConfig;
 use renderflow_model::wan::pictures::BridgeStart;
 use renderflow_model::wan::train::{self, Config};
 use renderflow_model::wan::{self, Autoencoder, Vae, VaeConfig};
+use renderflow_model::weights::Precision;
 use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
+/// The weights in the folder of a training run.
+const WEIGHTS: &str = "weights.safetensors";
 /// The file that says that a training run is finished.
 const DONE: &str = "done.json";
 
@@ -47,6 +51,8 @@ pub struct Lab<'a> {
     pub lpips: &'a Networks,
     /// Stops the work.
     pub cancel: &'a Cancel,
+    /// BLAKE3 of the weights of the network that reads samples.
+    fusion_weights: String,
     /// Data that is known to be there.
     there: RefCell<BTreeSet<Data>>,
     /// Weights that are known to be there.
@@ -62,6 +68,8 @@ pub struct Trained {
     pub steps: u64,
     /// Seconds of training.
     pub seconds: f64,
+    /// BLAKE3 of the file of the weights.
+    hash: String,
 }
 
 /// What is kept of a finished run.
@@ -90,19 +98,34 @@ pub struct Ask<'a> {
 
 impl<'a> Lab<'a> {
     /// A lab in the folder `out`.
-    pub fn new(options: &Options<'a>, out: &'a Path, cancel: &'a Cancel) -> Self {
+    ///
+    /// # Errors
+    /// When the network that reads samples holds a value that no file of weights may hold.
+    pub fn new(options: &Options<'a>, out: &'a Path, cancel: &'a Cancel) -> Result<Self> {
         let Options { scale, fusion, autoencoder, lpips, .. } = *options;
-        Self { scale, out, fusion, autoencoder, lpips, cancel, there: RefCell::default(), trained: RefCell::default() }
+        let fusion_weights = blake3::hash(&fusion.encode(Precision::F32)?).to_hex().to_string();
+        let (there, trained) = Default::default();
+        Ok(Self { scale, out, fusion, autoencoder, lpips, cancel, fusion_weights, there, trained })
     }
 
     /// Checks the weights that are given.
     ///
     /// # Errors
-    /// When they are no autoencoder's, or not in a safetensors file.
+    /// When they are no autoencoder's, not in a safetensors file, or do not fit the network or the pictures.
     pub fn check(options: &Options) -> Result<()> {
         let Some(file) = options.autoencoder else { return Ok(()) };
         SafeTensors::deserialize(&file::read(file)?).with_context(|| format!("{}: not a safetensors file", file.display()))?;
-        Vae::open(file, &VaeConfig::wan(), options.fusion.device().device())?;
+        let (vae, _) = Vae::open(file, &VaeConfig::wan(), options.fusion.device().device())?;
+        let Scale { preset, side, .. } = *options.scale;
+        let network = FlowConfig::preset(preset).context("no such preset")?;
+        let network = FlowConfig { vae: vae.config().clone(), ..network };
+        network.validate().with_context(|| format!("{}: is of another preset than {preset}", file.display()))?;
+        let multiple = network.pixel_multiple();
+        ensure!(
+            (side as usize).is_multiple_of(multiple),
+            "{}: needs pictures of a multiple of {multiple} pixels",
+            file.display()
+        );
         Ok(())
     }
 
@@ -151,7 +174,7 @@ impl<'a> Lab<'a> {
             Err(error) if error.is_missing() => self.learn(run, &config, data, count)?,
             Err(error) => return Err(error.into()),
         };
-        let trained = Trained { folder, steps: done.steps, seconds: done.seconds };
+        let trained = Trained::new(folder, done)?;
         self.trained.borrow_mut().insert(run, trained.clone());
         Ok(trained)
     }
@@ -161,12 +184,12 @@ impl<'a> Lab<'a> {
         let bytes = file::read(file)?;
         let hash = blake3::hash(&bytes).to_hex();
         let folder = self.out.join("runs").join(format!("{}-given-{}", Run::Autoencoder.name(), &hash[..10]));
-        let given = Trained { folder, steps: 0, seconds: 0.0 };
-        if !given.weights().is_file() {
-            std::fs::create_dir_all(&given.folder)?;
-            file::write_atomic(&given.weights(), &bytes)?;
+        let weights = folder.join(WEIGHTS);
+        if !weights.is_file() {
+            std::fs::create_dir_all(&folder)?;
+            file::write_atomic(&weights, &bytes)?;
         }
-        Ok(given)
+        Trained::new(folder, Done { steps: 0, seconds: 0.0 })
     }
 
     fn learn(&self, run: Run, config: &Config, data: Data, count: u32) -> Result<Done> {
@@ -213,12 +236,23 @@ impl<'a> Lab<'a> {
         Ok(tests)
     }
 
+    /// The names of a run and its autoencoder, the BLAKE3 of their weights and of those of the network that reads samples, and
+    /// the device: what pictures depend on besides the scenes.
+    pub fn networks(&self, run: Option<Run>) -> Result<impl Serialize> {
+        let runs = run.map_or_else(Vec::new, |run| vec![Run::Autoencoder, run]);
+        let named = |run: Run| self.train(run).map(|run| (run.name(), run.hash));
+        let runs = runs.into_iter().map(named).collect::<Result<Vec<_>>>()?;
+        Ok((runs, self.fusion_weights.clone(), device::recorded(self.fusion.device())))
+    }
+
+    /// The machine, on which seconds depend, and the metrics.
+    pub fn measured_by(&self) -> impl Serialize {
+        (run::machine(), run::lpips(self.lpips))
+    }
+
     /// Evaluates what is asked for, unless it is there.
     pub fn measure(&self, ask: &Ask) -> Result<Results> {
-        let trained = ask.run.map(|run| self.train(run)).transpose()?;
-        let folder = trained.as_ref().map(Trained::name);
-        let fusion = (self.fusion.header(), device::recorded(self.fusion.device()));
-        let recipe = digest(&(ask, &folder, self.scale.plan(ask.data)?, fusion, self.lpips.alex.is_some()))?;
+        let recipe = digest(&(ask, self.networks(ask.run)?, self.scale.plan(ask.data)?, self.measured_by()))?;
         let name = ask.run.map_or_else(|| ask.data.name(), Run::name);
         let out = self.out.join("rows").join(format!("{name}-{recipe}"));
         let methods: Vec<Method> = ask.methods.iter().map(|id| Method::parse(id)).collect::<Result<_>>()?;
@@ -265,6 +299,11 @@ impl<'a> Lab<'a> {
 }
 
 impl Trained {
+    fn new(folder: PathBuf, done: Done) -> Result<Self> {
+        let hash = files::hash(&folder.join(WEIGHTS))?;
+        Ok(Self { folder, steps: done.steps, seconds: done.seconds, hash })
+    }
+
     /// The name of its folder, which follows from its recipe.
     pub fn name(&self) -> String {
         self.folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
@@ -272,12 +311,12 @@ impl Trained {
 
     /// The file of the weights.
     pub fn weights(&self) -> PathBuf {
-        self.folder.join("weights.safetensors")
+        self.folder.join(WEIGHTS)
     }
 }
 
 /// The beginning of the BLAKE3 of a recipe as JSON.
-fn digest(recipe: &impl Serialize) -> Result<String> {
+pub fn digest(recipe: &impl Serialize) -> Result<String> {
     let hash = blake3::hash(&serde_json::to_vec(recipe)?).to_hex();
     Ok(hash[..10].to_owned())
 }

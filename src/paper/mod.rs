@@ -11,6 +11,7 @@ mod tables;
 pub use scale::{Data, Scale};
 pub use tables::Part;
 
+use crate::evaluate::run;
 use crate::metrics::Networks;
 use crate::util::cancel::Cancel;
 use crate::util::machine;
@@ -50,7 +51,7 @@ pub fn run(options: &Options, out: &Path, cancel: &Cancel) -> Result<(String, Va
     Lab::check(options)?;
     let about = json!({ "about": "experiments of renderflow paper" });
     Claim::new(out, MARK, &about, "something else")?.write()?;
-    let lab = Lab::new(options, out, cancel);
+    let lab = Lab::new(options, out, cancel)?;
     let mut text = preface(options);
     let mut tables = Vec::new();
     for part in options.parts {
@@ -58,7 +59,7 @@ pub fn run(options: &Options, out: &Path, cancel: &Cancel) -> Result<(String, Va
         text += &format!("\n{}", table.markdown());
         tables.push(table.json());
         file::write_atomic(&out.join(TABLES), text.as_bytes())?;
-        let whole = json!({ "scale": options.scale, "machine": machine::processor(), "tables": tables });
+        let whole = json!({ "scale": options.scale, "machine": run::machine(), "tables": tables });
         file::write_json(&out.join("paper.json"), &whole)?;
     }
     Ok((text, Value::Array(tables)))

@@ -40,8 +40,7 @@ pub fn determinism(lab: &Lab) -> Result<Table> {
         ("clips from noise (as DiffusionRenderer)", Some(Run::Noise { clips: true }), "wan", clips),
     ];
     for (number, (label, run, method, steps)) in rows.into_iter().enumerate() {
-        let weights = run.map(|run| lab.train(run)).transpose()?.map(|run| run.name());
-        let recipe = (method, &weights, steps, lab.scale.runs, lab.scale.plan(Data::Way)?, lab.fusion.header().steps);
+        let recipe = (method, lab.networks(run)?, steps, lab.scale.runs, lab.scale.plan(Data::Way)?);
         let made = lab.kept("determinism", &recipe, || repeat(lab, run, method, steps))?;
         let mean = made.psnr.iter().sum::<f64>() / made.psnr.len().max(1) as f64;
         let variance = made.psnr.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (made.psnr.len().max(2) - 1) as f64;

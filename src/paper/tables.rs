@@ -1,6 +1,6 @@
 //! The paper's tables and figures, and those that it left out. Each is a function that asks the lab.
 
-use super::lab::{Ask, Lab};
+use super::lab::{Ask, Lab, digest};
 use super::scale::{Data, Keys, Run, Variant};
 use super::series;
 use super::sheet::{Row, Table};
@@ -434,7 +434,9 @@ fn editing(lab: &Lab) -> Result<Table> {
     let test = |(class, sequence)| TestSequence { set: "edit".into(), class, sequence };
     let tests: Vec<TestSequence> = swept.steps.into_iter().map(test).collect();
     let methods = ["ibl", "deferred", "neural", "wan-stills"].map(Method::parse).into_iter().collect::<Result<Vec<_>>>()?;
-    let (weights, wan) = (lab.train(Run::Base)?.name(), lab.renderer(Run::Base)?);
+    let wan = lab.renderer(Run::Base)?;
+    let truth = (steps, lab.scale.side, lab.scale.spp[1]);
+    let recipe = digest(&(truth, lab.networks(Some(Run::Base))?, lab.measured_by()))?;
     let options = run::Options {
         rendering: renderer::Options {
             fusion: Some(lab.fusion),
@@ -446,9 +448,9 @@ fn editing(lab: &Lab) -> Result<Table> {
         every: 1,
         pictures: 1,
         title: "RenderFlow: edits".into(),
-        settings: vec![("weights".into(), weights.clone())],
+        settings: vec![("recipe".into(), recipe.clone())],
     };
-    let out = lab.out.join("rows").join(format!("edits-{weights}-{steps}"));
+    let out = lab.out.join("rows").join(format!("edits-{recipe}"));
     let progress = Progress::new("evaluating edits", tests.len() as u64);
     run::run(&tests, &options, &out, &progress, lab.cancel)?;
     progress.finish();

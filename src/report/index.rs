@@ -94,7 +94,7 @@ fn set_section(view: &View, set: &str) -> Result<String> {
     let rows = view.means.rows(Filter { without_ablations: true, without_budgets: true, ..filter });
     let mut out = format!(
         "<p>{}, {}: those that are no keyframes, the same for all methods. Below a mean its 95 % bootstrap interval over sequences. \
-         A click on a head sorts.</p>\n",
+         Click a heading to sort.</p>\n",
         table::plural(sequences, "sequence"),
         table::plural(frames, "frame")
     );
@@ -283,6 +283,7 @@ fn settings(view: &View) -> String {
     let about = &view.results.about;
     let fixed = [("program", &about.program), ("machine", &about.machine), ("display curve", &about.curve)];
     let mut rows: Vec<(String, String)> = fixed.map(|(name, value)| (name.to_owned(), value.clone())).into();
+    rows.extend(about.lpips.iter().map(|networks| ("LPIPS".to_owned(), networks.clone())));
     rows.extend(about.settings.iter().filter(|(_, value)| !is_object(value)).cloned());
     let long: Vec<_> = about.settings.iter().filter(|(_, value)| is_object(value)).cloned().collect();
     let mut out = html::facts(&rows);

@@ -168,9 +168,11 @@ mod tests {
             program: String::new(),
             title: String::new(),
             machine: String::new(),
+            lpips: None,
             curve: String::new(),
             methods: Vec::new(),
             settings: Vec::new(),
+            sequences: None,
         };
         let step = |name: usize| Scored {
             about: SequenceSummary { class: "cone".into(), name: name.to_string(), ..SequenceSummary::default() },

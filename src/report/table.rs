@@ -47,6 +47,14 @@ impl Row<'_> {
         }
     }
 
+    /// [`label`](Self::label), with the number of sequences where the row stands for fewer than all `of` sequences of its table.
+    pub fn label_among(&self, of: usize) -> String {
+        match self.sequences {
+            fewer if fewer < of => format!("{} ({fewer} of {})", self.label(), plural(of, "sequence")),
+            _ => self.label(),
+        }
+    }
+
     /// Mean of a metric.
     pub fn mean(&self, metric: &str) -> Option<f64> {
         self.cells.get(metric).map(|cell| cell.mean)
@@ -126,6 +134,12 @@ impl<'a> Means<'a> {
     pub fn value(&self, sequence: usize, method: &str, metric: &str) -> Option<f64> {
         let metric = self::metric(metric)?;
         self.values.get(sequence)?.get(&(method, metric.id)).copied()
+    }
+
+    /// The numbers of the sequences that a mean in a row is over.
+    pub fn over(&self, filter: Filter, method: &str, metric: &str) -> Vec<usize> {
+        let numbers = self.sequences(filter).into_iter().map(|(number, _)| number);
+        numbers.filter(|&number| self.value(number, method, metric).is_some()).collect()
     }
 
     /// The sequences that the filter takes, with their numbers.
@@ -263,7 +277,7 @@ pub fn markdown(results: &Results, filter: Filter) -> String {
         let gap = if text.is_empty() { "" } else { "\n" };
         // Writing to a string cannot fail.
         let _ = writeln!(text, "{gap}{set}: {}, {}\n", plural(sequences, "sequence"), plural(frames, "frame"));
-        text += &grid(&rows);
+        text += &grid(&rows, sequences);
     }
     text
 }
@@ -278,6 +292,7 @@ pub fn json(results: &Results) -> Value {
             "seconds": row.seconds,
             "seconds_with_truth": row.seconds_with_truth,
             "spp": row.spp,
+            "sequences": row.sequences,
             "metrics": row.cells,
         })
     };
@@ -308,8 +323,8 @@ pub fn plural(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
-/// Rows as Markdown, with aligned columns.
-fn grid(rows: &[Row]) -> String {
+/// Rows of a table of `of` sequences as Markdown, with aligned columns.
+fn grid(rows: &[Row], of: usize) -> String {
     let columns: Vec<&Metric> = COLUMNS.iter().filter_map(|id| metric(id)).collect();
     let mut lines = vec![vec!["method".to_owned()]];
     for column in &columns {
@@ -319,7 +334,7 @@ fn grid(rows: &[Row]) -> String {
     lines[0].extend(["s/frame".to_owned(), WITH_TRUTH.to_owned()]);
     for row in rows {
         // A bar would end the cell.
-        let mut line = vec![row.label().replace('|', "/").replace(char::is_control, " ")];
+        let mut line = vec![row.label_among(of).replace('|', "/").replace(char::is_control, " ")];
         for column in &columns {
             let cell = row.cells.get(column.id);
             line.push(cell.map_or_else(|| "-".into(), |cell| number(column, cell.mean)));

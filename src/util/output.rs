@@ -33,6 +33,15 @@ pub fn is_empty(path: &Path) -> Result<bool> {
     Ok(true)
 }
 
+/// Refuses a path at which there is anything, for a command that writes there when its work is done.
+///
+/// # Errors
+/// When there is something.
+pub fn absent(path: &Path) -> Result<()> {
+    anyhow::ensure!(!exists(path), "{}: already exists; choose another folder", path.display());
+    Ok(())
+}
+
 /// Checks all files, then writes them. A file that holds these bytes already is not touched; a different file is replaced only
 /// with `overwrite`.
 ///

@@ -98,9 +98,11 @@ pub fn write(folder: &Path) {
         program: "renderflow test".into(),
         title: "Example <results>".into(),
         machine: "a processor, 4 threads".into(),
+        lpips: None,
         curve: "sRGB of exposed, clamped radiance".into(),
         methods: methods.clone(),
         settings: vec![("gap".into(), "4".into()), ("note".into(), NASTY.into())],
+        sequences: None,
     };
     write_json(&folder.join("results.json"), &about).unwrap();
     for (set, class, name, part) in SEQUENCES {
@@ -122,6 +124,7 @@ pub fn write(folder: &Path) {
             set: set.into(),
             class: class.into(),
             name: name.into(),
+            data: None,
             width: SIZE.0,
             height: SIZE.1,
             frames: (0..FRAMES).collect(),
