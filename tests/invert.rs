@@ -102,8 +102,8 @@ fn a_network_is_trained_and_used() {
     assert_eq!(printed["recipe"]["skip"], json!(7));
     assert_eq!([&printed["recipe"]["bare"], &printed["recipe"]["deferred"]], [&json!(1.0), &json!(false)]);
     for (options, says) in [
-        (r#"{"network": "inverse", "recipe": {"keyed": 0.5}}"#, "recipe.deferred: without"),
-        (r#"{"network": "fusion", "recipe": {"deferred": false, "bare": 1.0}}"#, "recipe.deferred: this network"),
+        (r#"{"network": "inverse", "recipe": {"keyed": 0.5}}"#, "reads neither samples nor keyframes"),
+        (r#"{"network": "fusion", "recipe": {"deferred": false, "bare": 1.0}}"#, "recipe.deferred: a tier"),
         (r#"{"network": "inverse", "recipe": {"deffered": false}}"#, "deffered"),
     ] {
         std::fs::write(&some, options).unwrap();

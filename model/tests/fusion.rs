@@ -14,7 +14,7 @@ use renderflow_frame::warp::{Keyframe, Neighbour};
 use renderflow_frame::{Camera, Environment, Frame, Light};
 use renderflow_model::device::NetworkDevice;
 use renderflow_model::fusion::batch::TIERS;
-use renderflow_model::fusion::fill::Samples;
+use renderflow_model::fusion::fill::{Nearby, Samples};
 use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, at, tint};
 use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record};
@@ -48,8 +48,7 @@ fn toy(seed: u64) -> Record<f32> {
             (out[at::NORMAL + c], out[at::BACKGROUND + c]) = (0.57, 0.2);
             out[at::TERMS + c] = 0.6 * truth;
             for k in 0..KEYS {
-                out[at::KEYS_SHADED + 4 * k + c] = 1.2 * truth;
-                out[at::KEYS_TINTED + 4 * k + c] = 1.2 * truth;
+                out[at::KEYS + 4 * k + c] = 1.2 * truth;
             }
             for part in 0..PARTS {
                 out[at::SAMPLES + 4 * part + c] = light * rng.random_range(0.2..1.8);
@@ -58,7 +57,7 @@ fn toy(seed: u64) -> Record<f32> {
                 out[at::NEARBY + 4 * n + c] = light * rng.random_range(0.2..1.8);
             }
         }
-        for from in [at::KEYS_SHADED, at::KEYS_TINTED, at::SAMPLES, at::NEARBY] {
+        for from in [at::KEYS, at::SAMPLES, at::NEARBY] {
             (0..4).for_each(|k| out[from + 4 * k % 8 + 3] = 1.0);
         }
         for k in 0..PARTS {
@@ -279,9 +278,10 @@ fn filled(width: usize, height: usize, value: [f32; 3]) -> Record<f32> {
     record.add_deferred(&terms, exposure);
     let key = Keyframe { frame: frame.clone(), truth: raw.clone(), start: Some(shaded.image.clone()) };
     let seen = Neighbour { key: &key, distance: -3.0, movement: Movement::default() };
-    record.add_keys([Some(seen), None], &frame, Some(&shaded.image), exposure);
+    record.add_keys([Some(seen), None], &frame, &shaded.image, exposure);
     record.add_part(0, &samples, exposure);
-    record.add_neighbour(2, &samples, &Image::from_fn(width, height, |x, y| Some((y * width + x) as u32)), exposure);
+    let source = Image::from_fn(width, height, |x, y| Some((y * width + x) as u32));
+    record.add_neighbours(2, &[Nearby { samples, source: &source, share: None }], exposure);
     record
 }
 

@@ -10,7 +10,7 @@ use renderflow_frame::{Camera, Environment, Frame, FrameInfo, warp};
 use renderflow_model::fusion::Record;
 use renderflow_model::fusion::batch::BEFORE;
 use renderflow_model::fusion::fill::{Nearby, Samples, background};
-use renderflow_model::fusion::record::{NEIGHBOURS, Selection};
+use renderflow_model::fusion::record::NEIGHBOURS;
 
 /// Samples come from at most this many frames away.
 pub const REACH: usize = 8;
@@ -25,9 +25,9 @@ pub enum Neighbours {
     #[default]
     #[value(skip)]
     Alone,
-    /// Samples of up to [`REACH`] frames before and after.
+    /// Samples of up to eight frames before and after.
     Around,
-    /// Samples of up to [`REACH`] frames before.
+    /// Samples of up to eight frames before.
     Before,
 }
 
@@ -207,8 +207,9 @@ pub fn surface(frame: &Frame) -> Frame {
     }
 }
 
-/// Gives the network the samples of the nearest frames: `others` with their indices, nearest first. `index` is that of the
-/// record's frame, and `camera` tells the camera of a frame. `exposure` is the sequence's factor to display-linear.
+/// Adds the samples of other frames to a record: `others` with their indices, nearest first. The nearest frame on each side is a
+/// sum by itself, and the others there are another. `index` is that of the record's frame, and `camera` tells the camera of a
+/// frame. `exposure` is the sequence's factor to display-linear.
 ///
 /// # Errors
 /// When samples have no guides.
@@ -219,38 +220,21 @@ pub fn offer<'a>(
     camera: impl Fn(usize) -> Camera,
     (environment, exposure): (&Environment, f32),
 ) -> Result<()> {
-    let (mut before, mut after) = (0, BEFORE);
+    let mut places = [(); NEIGHBOURS].map(|()| Vec::new());
     for (there, carried) in others {
-        let (place, limit) = if there < index { (&mut before, BEFORE) } else { (&mut after, NEIGHBOURS) };
-        if *place < limit {
-            let traced = carried.samples;
-            let behind = background(&camera(there), &traced.alpha, environment);
-            record.add_neighbour(*place, &traced.samples(&behind)?, &carried.source, exposure);
-            *place += 1;
+        let side = if there < index { 0 } else { BEFORE };
+        let place = side + usize::from(!places[side].is_empty());
+        places[place].push((background(&camera(there), &carried.samples.alpha, environment), carried));
+    }
+    for (place, frames) in places.iter().enumerate().filter(|(_, frames)| !frames.is_empty()) {
+        let mut near = Vec::with_capacity(frames.len());
+        for (behind, carried) in frames {
+            let samples = carried.samples.samples(behind)?;
+            near.push(Nearby { samples, source: &carried.source, share: carried.share.as_ref() });
         }
+        record.add_neighbours(place, &near, exposure);
     }
     Ok(())
-}
-
-/// The noisy picture, the albedo and the normals for another denoiser, with the `selection` of `record` and the samples of
-/// `others`. The rest is as in [`offer`].
-///
-/// # Errors
-/// When samples have no guides.
-pub fn noisy<'a>(
-    (record, selection): (&Record<f32>, &Selection),
-    others: impl IntoIterator<Item = (usize, &'a Carried<'a>)>,
-    camera: impl Fn(usize) -> Camera,
-    (environment, exposure): (&Environment, f32),
-) -> Result<[Rgb; 3]> {
-    let others: Vec<(usize, &Carried)> = others.into_iter().collect();
-    let behind: Vec<Rgb> =
-        others.iter().map(|(there, carried)| background(&camera(*there), &carried.samples.alpha, environment)).collect();
-    let nearby = others.iter().zip(&behind).map(|((_, carried), behind)| {
-        let samples = carried.samples.samples(behind)?;
-        Ok(Nearby { samples, source: &carried.source, share: carried.share.as_ref() })
-    });
-    Ok(record.noisy_among(selection, &nearby.collect::<Result<Vec<_>>>()?, exposure))
 }
 
 /// Means over a frame's own samples and the samples carried to it; every sample counts as far as it holds. `ids` are the objects

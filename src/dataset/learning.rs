@@ -7,8 +7,9 @@ mod relit;
 pub use kept::Kept;
 
 use crate::dataset::Dataset;
-use crate::dataset::around::{Carried, Neighbours, REACH, Traced, noisy, offer, surface};
+use crate::dataset::around::{Carried, Neighbours, REACH, Traced, offer, surface};
 use crate::dataset::plan::Plan;
+use crate::dataset::shading::BUFFERS;
 use crate::util::cancel::Cancel;
 use anyhow::{Context, Result, ensure};
 use half::f16;
@@ -25,7 +26,7 @@ use renderflow_model::data::step_rng;
 use renderflow_model::fusion::Record;
 use renderflow_model::fusion::batch::BEFORE;
 use renderflow_model::fusion::fill::{Samples, background};
-use renderflow_model::fusion::record::{ALL_BEFORE, AROUND, Groups, PARTS, PICTURES, Selection};
+use renderflow_model::fusion::record::{ALL_BEFORE, Groups, PARTS, PICTURES, Selection};
 use renderflow_model::fusion::training::Source;
 use renderflow_renderer::deferred::{self, Deferred, Options, ShadowTiles};
 use renderflow_renderer::denoise::{self, Denoiser, Quality};
@@ -76,8 +77,7 @@ pub struct Recipe {
     /// darker, and tinged. The truth of all is one render, so that another light takes about half the time of another scene.
     #[serde(skip_serializing_if = "is_zero")]
     pub relit: u32,
-    /// Whether frames are shaded without paths, for a network that reads such pictures. Where they are not, every sequence is
-    /// bare and none has keyframes, and neither tables of the environment nor shadow maps are made.
+    /// Whether frames get deferred shading, for a network that reads it. Without it, a sequence takes less time.
     pub deferred: bool,
     /// Number of sequences at the beginning that are passed over, because an earlier run learned from them.
     pub skip: u64,
@@ -328,12 +328,14 @@ impl<'a> Maker<'a> {
         truth: &dyn Fn(usize, &RenderScene) -> Result<Truth>,
     ) -> Result<Vec<Record<f32>>> {
         let SelectedFrames { keys, between } = selected;
+        let settings = Settings { channels: BUFFERS, ..Settings::default() };
         let frames = loaded.cameras.len();
         let numbers: Vec<usize> = (0..frames).collect();
         let tracks = super::job::tracks(loaded, &numbers);
 
         let mut scene = RenderScene::compile(loaded)?;
         let bare = self.bare(seed);
+        let keyed = !bare || self.keyed(seed);
         let lights = self.lights(&scene, seed);
         let Lit { exposure, .. } = lights[0];
         let light = Arc::clone(scene.light());
@@ -343,31 +345,41 @@ impl<'a> Maker<'a> {
         // One list for each light.
         let mut records: Vec<Vec<Record<f32>>> = lights.iter().map(|_| Vec::new()).collect();
         let mut carried: Vec<Vec<Keyframe>> = lights.iter().map(|_| Vec::new()).collect();
+        // G-buffers and the first part of the samples share camera rays, as in rendering. Those of the truth are others.
+        let (apart, truthful) = (loaded.seed.wrapping_add(1), loaded.seed);
         for &number in keys {
             scene.set_frame(number);
-            let gbuffer = render_gbuffer(&scene, &Settings::default())?;
+            scene.reseed(apart);
+            let gbuffer = render_gbuffer(&scene, &settings)?;
+            scene.reseed(truthful);
             let truth = fitting(truth(number, &scene)?, &gbuffer)?;
             for ((lit, records), carried) in lights.iter().zip(&mut records).zip(&mut carried) {
                 let shaded = deferred_picture(&scene, &gbuffer, lit, &mut tiles);
                 let truth = self.truth_under(lit, &truth)?;
                 records.push(shaded_record(&gbuffer, shaded.as_ref(), &truth, lit));
-                carried.push(Keyframe { frame: gbuffer.clone(), truth, start: shaded.map(|shaded| shaded.image) });
+                let start = keyed.then(|| ibl::shade(&gbuffer, &lit.light).image);
+                carried.push(Keyframe { frame: gbuffer.clone(), truth, start });
             }
         }
         for &number in between {
             scene.set_frame(number);
-            let gbuffer = render_gbuffer(&scene, &Settings::default())?;
+            scene.reseed(apart);
+            let gbuffer = render_gbuffer(&scene, &settings)?;
+            scene.reseed(truthful);
             let truth = fitting(truth(number, &scene)?, &gbuffer)?;
             for ((lit, records), carried) in lights.iter().zip(&mut records).zip(&carried) {
                 let shaded = deferred_picture(&scene, &gbuffer, lit, &mut tiles);
                 let mut record = shaded_record(&gbuffer, shaded.as_ref(), &self.truth_under(lit, &truth)?, lit);
-                if !bare || self.keyed(seed) {
+                if keyed {
+                    let alone = ibl::shade(&gbuffer, &lit.light);
                     let seen = |k: usize| {
                         let distance = keys[k] as f32 - number as f32;
                         carried.get(k).map(|key| Neighbour { key, distance, movement: tracks.between(number, keys[k]) })
                     };
-                    let start = shaded.as_ref().map(|shaded| &shaded.image);
-                    record.add_keys([0, 1].map(seen), &gbuffer, start, lit.exposure);
+                    record.add_keys([0, 1].map(seen), &gbuffer, &alone.image, lit.exposure);
+                    if !bare {
+                        record.add_environment(&alone, lit.exposure);
+                    }
                 }
                 records.push(record);
             }
@@ -375,12 +387,9 @@ impl<'a> Maker<'a> {
                 continue;
             }
             let record = records[0].last_mut().context("the record of the frame")?;
-            let alone = ibl::shade(&gbuffer, &light);
-            record.add_environment(&alone, exposure);
-            // Truth and samples use different random numbers.
             let samples = self.samples(seed, number);
             let trace = |scene: &mut RenderScene, part: usize, surfaces: bool| {
-                scene.reseed(loaded.seed.wrapping_add(1 + part as u64));
+                scene.reseed(apart.wrapping_add(part as u64));
                 self.trace(scene, samples[part], surfaces)
             };
             for part in 1..PARTS {
@@ -391,14 +400,13 @@ impl<'a> Maker<'a> {
             let own = Traced::of(trace(&mut scene, 0, false)?, exposure)?;
             let behind = background(scene.camera(), &own.alpha, &light.environment);
             record.add_part(0, &own.samples(&behind)?, exposure);
-            // The frames around have as many samples as the first part. Only OIDN reads those of more frames than a record holds.
-            let reach = if self.denoisers.is_some() { REACH } else { BEFORE };
+            // The frames around have as many samples as the first part.
             let near = |&other: &usize| -> Result<(usize, Frame, Traced)> {
                 scene.set_frame(other);
                 let traced = trace(&mut scene, 0, true)?;
                 Ok((other, surface(&traced), Traced::of(traced, exposure)?))
             };
-            let near = Neighbours::Around.of(reach, number, frames).iter().map(near).collect::<Result<Vec<_>>>()?;
+            let near = Neighbours::Around.of(REACH, number, frames).iter().map(near).collect::<Result<Vec<_>>>()?;
             let current = surface(&gbuffer);
             let others: Vec<(usize, Carried)> = near
                 .iter()
@@ -407,15 +415,9 @@ impl<'a> Maker<'a> {
                     (*other, Carried::new((&current, &own), (surface, traced), movement, other.abs_diff(number)))
                 })
                 .collect();
-            let camera = |there: usize| loaded.cameras[there];
-            let each = || others.iter().map(|(there, carried)| (*there, carried));
-            offer(record, number, each(), camera, (&light.environment, exposure))?;
-            let seed = seed.child("denoised", number as u64);
-            self.add_denoised(record, seed, exposure, |record, selection, before| {
-                let others = each().filter(|(there, _)| !before || *there < number);
-                noisy((record, selection), others, camera, (&light.environment, exposure))
-            })?;
-            scene.reseed(loaded.seed);
+            let others = others.iter().map(|(there, carried)| (*there, carried));
+            offer(record, number, others, |there| loaded.cameras[there], (&light.environment, exposure))?;
+            self.add_denoised(record, seed.child("denoised", number as u64), exposure)?;
         }
         Ok(records.into_iter().flatten().collect())
     }
@@ -476,14 +478,8 @@ impl<'a> Maker<'a> {
     }
 
     /// Adds OIDN's picture of each part alone, and of the first part with the samples of the frames around it and of those before
-    /// it. `among` joins the selected samples with those of the frames around, or only with those before.
-    fn add_denoised(
-        &self,
-        record: &mut Record<f32>,
-        seed: Seed,
-        exposure: f32,
-        among: impl Fn(&Record<f32>, &Selection, bool) -> Result<[Rgb; 3]>,
-    ) -> Result<()> {
+    /// it.
+    fn add_denoised(&self, record: &mut Record<f32>, seed: Seed, exposure: f32) -> Result<()> {
         let Some(denoisers) = &self.denoisers else { return Ok(()) };
         let all = Selection::all(record);
         for place in 0..PICTURES {
@@ -491,14 +487,13 @@ impl<'a> Maker<'a> {
                 break;
             }
             let part = if place < PARTS { place } else { 0 };
-            let groups = Groups { neighbours: false, ..all.groups };
-            let parts = std::array::from_fn(|other| other == part);
-            let selection = Selection { groups, parts, spp: record.parts[part] as f32, ..all };
-            let [color, albedo, normal] = match place {
-                AROUND => among(record, &selection, false)?,
-                ALL_BEFORE => among(record, &selection, true)?,
-                _ => record.noisy(&selection, exposure),
-            };
+            let mut selection =
+                Selection { groups: Groups { neighbours: place >= PARTS, ..all.groups }, parts: [0.0; PARTS], ..all };
+            selection.parts[part] = record.parts[part] as f32;
+            if place == ALL_BEFORE {
+                selection.neighbours[BEFORE..].fill(0.0);
+            }
+            let [color, albedo, normal] = record.noisy(&selection, exposure);
             let fast = seed.child("fast", place as u64).rng().random_bool(self.recipe.fast);
             let mut denoiser = denoisers[usize::from(fast)].lock().unwrap_or_else(PoisonError::into_inner);
             record.add_denoised(place, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);

@@ -8,11 +8,14 @@ use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
 use renderflow_frame::warp::Keyframe;
 use renderflow_renderer::deferred::{self, Lighting, Options, ShadowTiles};
-use renderflow_renderer::{RenderScene, Settings, render_gbuffer};
+use renderflow_renderer::{Channels, RenderScene, Settings, render_gbuffer};
 use renderflow_scenes::description::Scene;
 use renderflow_scenes::load;
 use std::path::PathBuf;
 use std::sync::Arc;
+
+/// The channels of a G-buffer that shading and the networks read.
+pub const BUFFERS: Channels = Channels { motion: false, variance: false, ..Channels::ALL };
 
 /// The scene of a sequence, ready to be shaded.
 pub struct Shading<'a> {
@@ -74,7 +77,7 @@ impl<'a> Shading<'a> {
         let number = self.sequence.numbers[index];
         ensure!(stored.info.scene_hash == self.hash, "frame {number} is of another scene than scene.json");
         self.scene.set_frame(number);
-        let frame = render_gbuffer(&self.scene, &Settings::default())?;
+        let frame = render_gbuffer(&self.scene, &Settings { channels: BUFFERS, ..Settings::default() })?;
         let shadows = self.tiles.maps(&self.scene, &self.lighting, &frame);
         let picture = deferred::picture(&frame, &self.lighting, &shadows, &Options::default());
         Ok((frame, picture))

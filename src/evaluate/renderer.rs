@@ -8,6 +8,7 @@ mod traced;
 
 use super::method::tracing::Samples;
 use super::method::{Method, Part};
+use crate::dataset::shading::BUFFERS;
 use crate::dataset::{Sequence, keyframes};
 use crate::util::cancel::Cancel;
 use crate::util::clock::timed;
@@ -218,7 +219,7 @@ impl<'a> MethodRenderer<'a> {
 
     /// The picture of stored frame `index` by every method.
     pub fn render(&mut self, index: usize, cancel: &Cancel) -> Result<Vec<Picture>> {
-        let settings = Settings { guide_samples: self.options.guide_samples, ..Settings::default() };
+        let settings = Settings { guide_samples: self.options.guide_samples, channels: BUFFERS, ..Settings::default() };
         self.scene.set_frame(self.sequence.numbers[index]);
         if !self.warm {
             self.warm_up(&settings, index, cancel)?;

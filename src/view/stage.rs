@@ -4,6 +4,7 @@ use super::changes::{changed, values, written};
 use super::method::Method;
 use super::state::{Choice, Hello, MaterialValues, Parameter, State, Value, Viewpoint, fitting};
 use crate::dataset::job::clean::{denoise, fuse};
+use crate::dataset::shading::BUFFERS;
 use crate::util::cancel::Cancel;
 use anyhow::{Context, Result};
 use glam::DVec3;
@@ -313,8 +314,7 @@ impl Stage {
     fn gbuffer(&mut self, cancel: &Cancel) -> Result<&Timed<Frame>> {
         if self.gbuffer.is_none() {
             let started = Instant::now();
-            let channels = Channels { motion: false, variance: false, ..Channels::ALL };
-            let value = render_gbuffer_until(&self.scene, &Settings { channels, ..Settings::default() }, cancel)?;
+            let value = render_gbuffer_until(&self.scene, &Settings { channels: BUFFERS, ..Settings::default() }, cancel)?;
             self.gbuffer = Some(Timed { value, seconds: started.elapsed().as_secs_f64() });
         }
         self.gbuffer.as_ref().context("no G-buffer")

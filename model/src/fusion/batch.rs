@@ -79,7 +79,7 @@ const STOPS: f32 = 1.0;
 const TINGE: f32 = 0.5;
 /// Share of the crops in which several channels may take the same primary.
 const REPEATED: f64 = 0.25;
-/// Number of neighbours that come before the frame. The others come after it.
+/// Number of sums of neighbours before the frame. The others are those after it.
 pub const BEFORE: usize = NEIGHBOURS / 2;
 
 /// A change of inputs and truth together.
@@ -123,7 +123,7 @@ impl Augmentation {
         turn(at::ALBEDO, [1.0; 3]);
         let plain = (at::BACKGROUND..at::OPEN).step_by(3).chain([at::TRUTH]);
         let denoised = (at::DENOISED..at::TRUTH).step_by(3);
-        let counted = (at::KEYS_SHADED..at::DENOISED).step_by(4);
+        let counted = (at::KEYS..at::DENOISED).step_by(4);
         plain.chain(denoised).chain(counted).for_each(|from| turn(from, self.gains));
     }
 }
@@ -305,18 +305,21 @@ fn draw_window<'a>(records: &[&'a Record<f16>], size: usize, rng: &mut Pcg64Mcg)
     }
 }
 
-/// Draws a subset of the inputs of a record: any number of parts, and neighbours on both sides or only before the frame. With a
-/// denoised picture, it takes the samples from which that picture was made.
+/// Draws a subset of the inputs of a record: any number of parts, and neighbours on both sides or only before the frame. With
+/// neighbours, which have as many samples as the first part, it takes that part alone. With a denoised picture, it takes the
+/// samples from which that picture was made.
 fn draw_selection(record: &Record<f16>, groups: Groups, rng: &mut Pcg64Mcg) -> Selection {
     let mut selection = Selection { groups, ..Selection::all(record) };
     let there = record.parts.iter().filter(|spp| **spp > 0).count();
     let before_alone = rng.random_bool(0.3);
     let (mut first, mut keep) = (rng.random_range(0..there.max(1)), rng.random_range(1..=there.max(1)));
-    if groups.denoised {
+    if groups.neighbours {
+        first = 0;
+    }
+    if groups.neighbours || groups.denoised {
         keep = 1;
-        if groups.neighbours {
-            first = 0;
-        }
+    }
+    if groups.denoised {
         selection.picture = match (groups.neighbours, before_alone) {
             (false, _) => first,
             (true, false) => AROUND,
@@ -324,9 +327,9 @@ fn draw_selection(record: &Record<f16>, groups: Groups, rng: &mut Pcg64Mcg) -> S
         };
     }
     for part in 0..PARTS {
-        selection.parts[part] = part < there && (part + there - first) % there < keep;
+        let used = part < there && (part + there - first) % there < keep;
+        selection.parts[part] = if used { record.parts[part] as f32 } else { 0.0 };
     }
-    selection.spp = (0..PARTS).filter(|part| selection.parts[*part]).map(|part| record.parts[part] as f32).sum();
     for (n, spp) in selection.neighbours.iter_mut().enumerate() {
         *spp = if groups.neighbours && (n < BEFORE || !before_alone) { record.neighbours[n] as f32 } else { 0.0 };
     }

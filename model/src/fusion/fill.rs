@@ -24,7 +24,7 @@ pub struct Samples<'a> {
     pub spp: u32,
 }
 
-/// Samples of another frame, for [`Record::noisy_among`].
+/// Samples of another frame, for [`Record::add_neighbours`].
 #[derive(Clone, Copy, Debug)]
 pub struct Nearby<'a> {
     /// The samples.
@@ -116,9 +116,10 @@ impl Record<f32> {
         });
     }
 
-    /// Adds the keyframes before and after the frame. `frame` is the frame of this record, and `shaded` its deferred picture.
-    pub fn add_keys(&mut self, seen: [Option<Neighbour>; KEYS], frame: &Frame, shaded: Option<&Rgb>, exposure: f32) {
-        let carried = warp::carry(frame, shaded, seen.each_ref().map(Option::as_ref), exposure);
+    /// Adds the keyframes before and after the frame. `frame` is the frame of this record, and `start` its picture by the split
+    /// sum, as keyframes have theirs.
+    pub fn add_keys(&mut self, seen: [Option<Neighbour>; KEYS], frame: &Frame, start: &Rgb, exposure: f32) {
+        let carried = warp::carry(frame, Some(start), seen.each_ref().map(Option::as_ref), exposure);
         for (k, (seen, carried)) in seen.iter().zip(carried).enumerate() {
             let Some((seen, carried)) = seen.as_ref().zip(carried) else { continue };
             self.distances[k] = Some(seen.distance);
@@ -126,13 +127,11 @@ impl Record<f32> {
                 if out[at::ALPHA] <= 0.0 {
                     return;
                 }
-                let shaded = carried.shaded.as_ref().map(|(picture, trust)| (picture.pixels[i], trust.pixels[i]));
-                let tinted = (carried.tinted.pixels[i], carried.valid.pixels[i]);
-                for (from, known) in [(at::KEYS_SHADED, shaded), (at::KEYS_TINTED, Some(tinted))] {
-                    if let Some((rgb, trust)) = known.filter(|(_, trust)| *trust > 0.0) {
-                        put(out, from + 4 * k, rgb.map(|v| radiance(exposure * v)));
-                        out[from + 4 * k + 3] = trust.min(1.0);
-                    }
+                let Some((picture, trust)) = &carried.shaded else { return };
+                let (rgb, trust) = (picture.pixels[i], trust.pixels[i]);
+                if trust > 0.0 {
+                    put(out, at::KEYS + 4 * k, rgb.map(|v| radiance(exposure * v)));
+                    out[at::KEYS + 4 * k + 3] = trust.min(1.0);
                 }
             });
         }
@@ -151,17 +150,24 @@ impl Record<f32> {
         });
     }
 
-    /// Adds samples of another frame as neighbour `n`. `source` holds, for each pixel, the index of its pixel in that frame.
-    /// Neighbours before the frame come first, and on each side the nearest comes first.
+    /// Adds the samples of other frames as sum `n` of [`NEIGHBOURS`]. Every sample counts as far as it holds.
     ///
     /// # Panics
     /// When `n` is not below [`NEIGHBOURS`].
-    pub fn add_neighbour(&mut self, n: usize, samples: &Samples, source: &Image<Option<u32>>, exposure: f32) {
-        assert!(n < NEIGHBOURS, "neighbour {n} of {NEIGHBOURS}");
-        self.neighbours[n] = samples.spp;
+    pub fn add_neighbours(&mut self, n: usize, frames: &[Nearby], exposure: f32) {
+        assert!(n < NEIGHBOURS, "sum {n} of {NEIGHBOURS}");
+        let spp = frames.iter().map(|frame| frame.samples.spp).sum::<u32>();
+        self.neighbours[n] = spp;
         self.each(|i, out| {
-            let carried = source.pixels[i].map_or([0.0; 4], |there| samples.at(there as usize, out, exposure));
-            out[at::NEARBY + 4 * n..][..4].copy_from_slice(&carried);
+            let mut sum = [0.0; 4];
+            for Nearby { samples, source, share } in frames {
+                let weight = share.map_or(1.0, |share| share.pixels[i]) * samples.spp as f32 / spp.max(1) as f32;
+                if let Some(there) = source.pixels[i].filter(|_| weight > 0.0) {
+                    let carried = samples.at(there as usize, out, exposure);
+                    sum.iter_mut().zip(carried).for_each(|(sum, carried)| *sum += weight * carried);
+                }
+            }
+            out[at::NEARBY + 4 * n..][..4].copy_from_slice(&sum);
         });
     }
 
@@ -169,46 +175,16 @@ impl Record<f32> {
     /// samples, including those of neighbours. Samples are multiplied by the reflectance of this frame's pixel, so edges are a
     /// little cleaner than they were.
     pub fn noisy(&self, selection: &Selection, exposure: f32) -> [Rgb; 3] {
-        self.joined(selection, exposure, |_, _, pixel| {
-            pixel.others.iter().fold([0.0; 4], |sum, other| std::array::from_fn(|c| sum[c] + other[c]))
-        })
-    }
-
-    /// As [`Self::noisy`], but with the samples of `others` in place of the record's neighbours.
-    pub fn noisy_among(&self, selection: &Selection, others: &[Nearby], exposure: f32) -> [Rgb; 3] {
-        self.joined(selection, exposure, |i, stored, _| {
-            others.iter().fold([0.0; 4], |sum, other| {
-                let weight = other.share.map_or(1.0, |share| share.pixels[i]) * other.samples.spp as f32;
-                match other.source.pixels[i].filter(|_| weight > 0.0) {
-                    Some(there) => {
-                        let carried = other.samples.at(there as usize, stored, exposure);
-                        std::array::from_fn(|c| sum[c] + weight * carried[c])
-                    }
-                    None => sum,
-                }
-            })
-        })
-    }
-
-    /// The pictures of [`Self::noisy`]. `others` adds up the samples of other frames for a pixel, from its index, its numbers and
-    /// its inputs.
-    fn joined(
-        &self,
-        selection: &Selection,
-        exposure: f32,
-        others: impl Fn(usize, &[f32], &PixelInputs) -> [f32; 4] + Sync,
-    ) -> [Rgb; 3] {
         let mut pictures = [(); 3].map(|()| Rgb::filled(self.width, self.height, [0.0; 3]));
         let [colors, albedos, normals] = &mut pictures;
         let row = self.width.max(1);
         let guides = albedos.pixels.par_iter_mut().zip(&mut normals.pixels);
         let stored = self.pixels.par_chunks_exact(at::COUNT).with_min_len(row);
-        stored.zip(&mut colors.pixels).zip(guides).enumerate().for_each(|(i, ((stored, color), (albedo, normal)))| {
+        stored.zip(&mut colors.pixels).zip(guides).for_each(|((stored, color), (albedo, normal))| {
             let pixel = PixelInputs::new(stored, selection);
-            let others = others(i, stored, &pixel);
-            let sum: [f32; 4] = std::array::from_fn(|c| pixel.own[c] + others[c]);
+            let sum: [f32; 4] = std::array::from_fn(|c| pixel.own[c] + pixel.others.iter().map(|other| other[c]).sum::<f32>());
             // The coverage of the pixel in its own samples.
-            let covered = (pixel.own[3] / selection.spp.max(1.0)).clamp(0.0, 1.0);
+            let covered = (pixel.own[3] / selection.spp().max(1.0)).clamp(0.0, 1.0);
             let scale = if sum[3] > 0.0 { covered / sum[3] } else { 0.0 };
             let of = |c: usize| sum[c] * scale * pixel.tint[c] + (1.0 - covered) * pixel.background[c];
             *color = [of(0), of(1), of(2)].map(|v| v / exposure);
@@ -247,11 +223,11 @@ impl Record<f32> {
     }
 }
 
-/// The environment behind each pixel; 0 where a surface covers the whole pixel.
+/// The environment behind each pixel that a surface covers in part, for [`Samples`]; 0 in all others.
 pub fn background(camera: &Camera, alpha: &Image<f32>, environment: &Environment) -> Rgb {
     let mut out = Rgb::filled(alpha.width, alpha.height, [0.0; 3]);
     out.pixels.par_iter_mut().zip(&alpha.pixels).with_min_len(alpha.width.max(1)).enumerate().for_each(|(i, (out, alpha))| {
-        if *alpha < 1.0 {
+        if *alpha > 0.0 && *alpha < 1.0 {
             let through = Vec2::new((i % camera.width) as f32 + 0.5, (i / camera.width) as f32 + 0.5);
             *out = environment.radiance(camera.ray_direction(through));
         }
@@ -322,9 +298,17 @@ mod tests {
         let shares = [1.0, 1.0 / 3.0, 0.0].map(|share| Image::filled(4, 2, share));
         let given = [None, Some(&shares[0]), Some(&shares[1]), Some(&shares[2])];
         for (share, held) in given.into_iter().zip([6.0, 6.0, 2.0, 0.0]) {
-            let [color, ..] = record.noisy_among(&all, &[Nearby { samples, source: &source, share }], 4.0);
+            record.add_neighbours(0, &[Nearby { samples, source: &source, share }], 4.0);
+            let [color, ..] = record.noisy(&Selection::all(&record), 4.0);
             let expected = (0.5 * (2.0 + 6.0 * held) / (1.0 + held) * 0.52 + 0.5) / 4.0;
             assert!((color.pixels[5][0] - expected).abs() < 1e-5, "{held}: {} and {expected}", color.pixels[5][0]);
         }
+        // Two frames in one sum: each of their samples counts as much.
+        let near = |share| Nearby { samples, source: &source, share };
+        record.add_neighbours(0, &[near(None), near(Some(&shares[1]))], 4.0);
+        assert_eq!(record.neighbours[0], 12);
+        let [color, ..] = record.noisy(&Selection::all(&record), 4.0);
+        let expected = (0.5 * (2.0 + 6.0 * 8.0) / 9.0 * 0.52 + 0.5) / 4.0;
+        assert!((color.pixels[5][0] - expected).abs() < 1e-5, "{} and {expected}", color.pixels[5][0]);
     }
 }

@@ -10,12 +10,12 @@ use renderflow_frame::warp::{AGE_UNIT, OLDEST, age};
 pub const KEYS: usize = 2;
 /// Most parts in a record. A part is a render with independent samples.
 pub const PARTS: usize = 4;
-/// Most neighbouring frames whose samples a record holds.
+/// Sums of samples of neighbouring frames that a record holds: of the nearest frame before and of all others before, and the same
+/// after.
 pub const NEIGHBOURS: usize = 4;
 /// Most denoised pictures in a record: one for each part, then [`AROUND`] and [`ALL_BEFORE`].
 pub const PICTURES: usize = PARTS + 2;
-/// Index of the denoised picture of the first part with samples of frames before and after, which may be more than the
-/// neighbours of the record.
+/// Index of the denoised picture of the first part with samples of frames before and after.
 pub const AROUND: usize = PARTS;
 /// Index of the denoised picture of the first part with samples of frames before.
 pub const ALL_BEFORE: usize = PARTS + 1;
@@ -27,7 +27,7 @@ const LEAST: f32 = 0.02;
 
 /// Indices of the numbers of a pixel. Radiance is exposed and linear, 0..=65504.
 pub mod at {
-    use super::{KEYS, NEIGHBOURS, PARTS, PICTURES};
+    use super::{NEIGHBOURS, PARTS, PICTURES};
 
     /// Mean base colour in the pixel, 0..=1.
     pub const ALBEDO: usize = 0;
@@ -53,15 +53,12 @@ pub mod at {
     pub const SKY: usize = TERMS + 3 * super::TERMS;
     /// Visible share of the sky, of the near hemisphere, and of the strongest light.
     pub const OPEN: usize = SKY + 3;
-    /// For each keyframe, warped with the help of deferred shading: radiance of the surface, and the trust in it, 0..=1 (see
+    /// For each keyframe, warped with the help of the split sum: radiance of the surface, and the trust in it, 0..=1 (see
     /// [`renderflow_frame::warp::carry`]).
-    pub const KEYS_SHADED: usize = OPEN + 3;
-    /// For each keyframe, warped as a ratio to the albedo: radiance of the surface, and the share of the look-up that shows this
-    /// surface, 0..=1.
-    pub const KEYS_TINTED: usize = KEYS_SHADED + 4 * KEYS;
+    pub const KEYS: usize = OPEN + 3;
     /// For each part: radiance of the surface divided by its reflectance ([`super::tint`]), times coverage; coverage.
-    pub const SAMPLES: usize = KEYS_TINTED + 4 * KEYS;
-    /// The same for each neighbour. Coverage is 0 where the neighbour does not show this surface.
+    pub const SAMPLES: usize = KEYS + 4 * super::KEYS;
+    /// The same for each sum of neighbours, as far as the samples hold. Coverage is 0 where no neighbour shows this surface.
     pub const NEARBY: usize = SAMPLES + 4 * PARTS;
     /// For each denoised picture: radiance of the surface.
     pub const DENOISED: usize = NEARBY + 4 * NEIGHBOURS;
@@ -119,7 +116,7 @@ pub struct Record<T> {
     pub distances: [Option<f32>; KEYS],
     /// Samples per pixel of each part; 0 if it is not given.
     pub parts: [u32; PARTS],
-    /// Samples per pixel of each neighbour; 0 if it is not given.
+    /// Samples per pixel of each sum of neighbours, whether they hold or not; 0 if it is not given.
     pub neighbours: [u32; NEIGHBOURS],
     /// Whether each denoised picture is given.
     pub denoised: [bool; PICTURES],
@@ -169,11 +166,9 @@ pub struct Selection {
     pub groups: Groups,
     /// Age of each keyframe (see [`age`]); `None` if it is not used.
     pub ages: [Option<f32>; KEYS],
-    /// Whether each part is used.
-    pub parts: [bool; PARTS],
-    /// Samples per pixel of the parts that are used.
-    pub spp: f32,
-    /// Samples per pixel of each neighbour; 0 if it is not used.
+    /// Samples per pixel of each part; 0 if it is not used.
+    pub parts: [f32; PARTS],
+    /// Samples per pixel of each sum of neighbours; 0 if it is not used.
     pub neighbours: [f32; NEIGHBOURS],
     /// Index of the denoised picture. It is read only if the groups include one.
     pub picture: usize,
@@ -186,11 +181,15 @@ impl Selection {
         Self {
             groups,
             ages: record.distances.map(|distance| distance.map(age)),
-            parts: record.parts.map(|spp| spp > 0),
-            spp: record.parts.iter().sum::<u32>() as f32,
+            parts: record.parts.map(|spp| spp as f32),
             neighbours: record.neighbours.map(|spp| if groups.neighbours { spp as f32 } else { 0.0 }),
             picture: record.denoised.iter().position(|there| *there).unwrap_or(0),
         }
+    }
+
+    /// Samples per pixel of the frame itself.
+    pub fn spp(&self) -> f32 {
+        self.parts.iter().sum()
     }
 }
 
@@ -244,22 +243,19 @@ impl PixelInputs {
             pixel.terms = std::array::from_fn(|term| three(at::TERMS + 3 * term));
         }
         if groups.keys {
-            let from = keys_at(groups);
             for k in 0..KEYS {
-                let valid = stored[from + 4 * k + 3];
+                let valid = stored[at::KEYS + 4 * k + 3];
                 if let (Some(age), true) = (selection.ages[k], valid > 0.0) {
-                    pixel.keys[k] = three(from + 4 * k);
+                    pixel.keys[k] = three(at::KEYS + 4 * k);
                     pixel.trust[k] = valid.min(1.0).ln() - (age + 1.0 / AGE_UNIT).ln();
                 }
             }
         }
         if groups.samples {
             pixel.reflected = three(at::REFLECTED);
-            let used = selection.parts.iter().filter(|part| **part).count().max(1) as f32;
-            let scale = selection.spp / used;
-            for part in (0..PARTS).filter(|part| selection.parts[*part]) {
+            for (part, spp) in selection.parts.iter().enumerate().filter(|(_, spp)| **spp > 0.0) {
                 for (sum, value) in pixel.own.iter_mut().zip(&stored[at::SAMPLES + 4 * part..]) {
-                    *sum += scale * value;
+                    *sum += spp * value;
                 }
             }
         }
@@ -289,11 +285,6 @@ impl Stored for f16 {
     fn read(from: &[Self], to: &mut [f32]) {
         from.convert_to_f32_slice(to);
     }
-}
-
-/// Index of the keyframes that are read: those warped as ratios to deferred shading, if that is given.
-fn keys_at(groups: Groups) -> usize {
-    if groups.deferred { at::KEYS_SHADED } else { at::KEYS_TINTED }
 }
 
 /// Most colours that the network reads from a pixel: terms, sky, keyframes, samples, light of the environment, neighbours,
@@ -330,7 +321,7 @@ pub fn push_channels(stored: &[f32], pixel: &PixelInputs, selection: &Selection,
             // Dividing by the reflectance removes the texture, which would hide differences.
             let rgb: [f32; 3] = std::array::from_fn(|c| pixel.keys[k][c] / pixel.tint[c]);
             colour(rgb, out);
-            out.push(if there { stored[keys_at(groups) + 4 * k + 3] } else { 0.0 });
+            out.push(if there { stored[at::KEYS + 4 * k + 3] } else { 0.0 });
             out.push(if there { 1.0 - 0.5 * selection.ages[k].unwrap_or(OLDEST) } else { 0.0 });
         }
     }
@@ -345,7 +336,7 @@ pub fn push_channels(stored: &[f32], pixel: &PixelInputs, selection: &Selection,
         let lit = [stored[at::LIT], stored[at::LIT + 1], stored[at::LIT + 2]];
         // Divided by the reflectance, as samples are.
         let reflected = std::array::from_fn(|c| pixel.reflected[c] / pixel.tint[c]);
-        traced(pixel.own, selection.spp, &[lit, reflected], out);
+        traced(pixel.own, selection.spp(), &[lit, reflected], out);
     }
     if groups.neighbours {
         for (other, spp) in pixel.others.iter().zip(selection.neighbours) {

@@ -276,11 +276,11 @@ pub fn variants(record: &Record<f16>, tiers: &[Tier]) -> Vec<(String, Selection)
         let alone = !tier.groups.keys && !tier.groups.neighbours;
         for part in (0..if alone { PARTS } else { 1 }).filter(|part| record.parts[*part] > 0) {
             let mut selection = all;
-            selection.parts = std::array::from_fn(|other| other == part);
-            selection.spp = record.parts[part] as f32;
+            selection.parts = [0.0; PARTS];
+            selection.parts[part] = record.parts[part] as f32;
             selection.picture = if tier.groups.neighbours { AROUND } else { part };
             if !tier.groups.denoised || record.denoised[selection.picture] {
-                found.push((format!("{} {}", tier.name, selection.spp), selection));
+                found.push((format!("{} {}", tier.name, selection.spp()), selection));
             }
         }
     }

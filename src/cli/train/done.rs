@@ -16,7 +16,7 @@ impl Train {
     /// nothing to do. `data` is the identity of the training data. A run with other options or data, or one that cannot be
     /// read, is left to the training, which says what is wrong with it.
     pub(super) fn is_done<C: TrainingConfig>(&self, config: &C, data: Option<&str>, team: &Team) -> Result<bool> {
-        let [checkpoint, weights] = ["checkpoint.safetensors", "weights.safetensors"].map(|name| self.out.join(name));
+        let [checkpoint, weights] = ["checkpoint.safetensors", "weights.safetensors"].map(|name| config.run().output.join(name));
         if !weights.is_file() {
             return Ok(false);
         }

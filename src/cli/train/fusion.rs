@@ -61,13 +61,15 @@ impl Learns for Config {
     }
 
     fn check(&self, recipe: &Recipe) -> Result<()> {
-        ensure!(recipe.deferred, "recipe.deferred: this network reads deferred shading");
-        Ok(self.validate()?)
+        self.validate()?;
+        let reads = self.tiers()?.iter().any(|tier| tier.groups.deferred);
+        ensure!(recipe.deferred || !reads, "recipe.deferred: a tier that is trained reads deferred shading");
+        Ok(())
     }
 
     fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], session: &Session) -> Result<()> {
         let Session { team, bars, cancel } = *session;
-        let start = train.from.as_deref().map(Fusion::load).transpose()?;
+        let start = train.start()?;
         let tiers = self.tiers()?;
         let references = References::measure(&self.network, validation, &tiers)?;
         let sheets = |weights: &Path| sheets(weights, validation, &tiers);

@@ -5,7 +5,7 @@ use super::sequences::Learns;
 use super::{Session, Train};
 use crate::dataset::learning::Recipe;
 use crate::util::device::DeviceArgs;
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use half::f16;
 use renderflow_frame::color::{display, linear_to_srgb};
 use renderflow_frame::image::Rgb;
@@ -37,13 +37,15 @@ impl Learns for Config {
         self.first
     }
 
-    fn check(&self, _: &Recipe) -> Result<()> {
+    fn check(&self, recipe: &Recipe) -> Result<()> {
+        let bare = recipe.bare >= 1.0 && recipe.keyed <= 0.0;
+        ensure!(bare, "recipe.bare must be 1 and recipe.keyed 0: this network reads neither samples nor keyframes");
         Ok(self.validate()?)
     }
 
     fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], session: &Session) -> Result<()> {
         let Session { team, bars, cancel } = *session;
-        let start = train.from.as_deref().map(Inverse::load).transpose()?;
+        let start = train.start()?;
         let examples: Vec<Example> = validation.iter().map(Example::of).collect();
         let shown = &examples[..examples.len().min(FRAMES)];
         let sheets = |weights: &Path| match shown {

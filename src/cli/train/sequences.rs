@@ -3,7 +3,7 @@
 use super::{Bars, Session, Train, smallest};
 use crate::dataset::Dataset;
 use crate::dataset::learning::{Indexed, Kept, Planned, Recipe, Recorded};
-use crate::dataset::plan::Plan;
+use crate::dataset::plan::{Allowed, Plan};
 use crate::util::cancel::{Cancel, Interrupted};
 use anyhow::{Context, Result, ensure};
 use half::f16;
@@ -82,8 +82,6 @@ impl Train {
         for (name, share) in shares {
             ensure!((0.0..=1.0).contains(&share), "recipe.{name}: {share} is outside 0..=1");
         }
-        let bare = recipe.bare >= 1.0 && recipe.keyed <= 0.0;
-        ensure!(recipe.deferred || bare, "recipe.deferred: without deferred shading, recipe.bare must be 1 and recipe.keyed 0");
         ensure!(recipe.relit <= Recipe::MOST_LIGHTS, "recipe.relit: {} is outside 0..={}", recipe.relit, Recipe::MOST_LIGHTS);
         Ok(())
     }
@@ -96,15 +94,22 @@ impl Train {
         cancel: &Cancel,
     ) -> Result<()> {
         let done = match &self.plan {
-            Some(plan) => self.learn_from_plan(options, plan, team, cancel),
+            Some(plan) => self.learn_from_plan(options, plan, team, allowed, cancel),
             None => self.learn_from_dataset(options, self.data()?, team, allowed, cancel),
         };
         // A render that was cancelled may report any error.
         done.map_err(|error| if cancel.is_set() { Interrupted.into() } else { error })
     }
 
-    fn learn_from_plan<C: Learns>(&self, options: &Options<C>, plan: &Path, team: &Team, cancel: &Cancel) -> Result<()> {
-        let plan = Plan::read(plan)?;
+    fn learn_from_plan<C: Learns>(
+        &self,
+        options: &Options<C>,
+        plan: &Path,
+        team: &Team,
+        allowed: &[PathBuf],
+        cancel: &Cancel,
+    ) -> Result<()> {
+        let plan = Plan { allowed: Allowed(allowed.to_vec()), ..Plan::read(plan)? };
         let counts = plan.sequences;
         ensure!(counts.train > 0, "the plan has no training sequences");
         // Where not all sequences are small, large crops are taken from the others.

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Changes when sequences of the same plan and recipe get other numbers.
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 /// The entry of the metadata.
 const HEADER: &str = "renderflow_records";
 /// Strength of the compression; more is slower and hardly smaller.

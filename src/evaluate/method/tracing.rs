@@ -44,9 +44,6 @@ pub enum Guides {
     GBuffer,
 }
 
-/// The network by itself reads those of the nearest frames alone, at most this many frames away.
-const READ: usize = 2;
-
 /// How a path-traced picture is made.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Tracing {
@@ -155,8 +152,7 @@ impl Tracing {
 
     /// The frames whose samples are used for frame `index` of `count`, nearest first, without the frame itself.
     pub fn others(&self, index: usize, count: usize) -> Vec<usize> {
-        let reach = if self.clean == Clean::Neural(None) { READ } else { REACH };
-        self.neighbours.of(reach, index, count)
+        self.neighbours.of(REACH, index, count)
     }
 
     /// Describes what follows the samples.
@@ -280,14 +276,3 @@ pub(super) const HELP: [(&str, &str); 6] = [
          that G-buffer, is handed to the network beside them",
     ),
 ];
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_network_by_itself_reads_fewer_frames() {
-        let others = |id: &str| Tracing::parse(id).unwrap().others(20, 40).len();
-        assert_eq!((others("pt4+oidn+around"), others("pt4+oidn+neural+before"), others("pt4+neural+around")), (16, 8, 4));
-    }
-}

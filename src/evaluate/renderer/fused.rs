@@ -2,7 +2,7 @@
 
 use super::Buffer;
 use super::mixture::mixture;
-use crate::dataset::around::{Carried, Traced, noisy, offer};
+use crate::dataset::around::{Carried, Traced, offer};
 use crate::dataset::{Sequence, keyframes};
 use crate::util::clock::timed;
 use anyhow::Result;
@@ -70,7 +70,7 @@ impl<'a> Fused<'a> {
 
     /// The picture from samples of the frame and of its neighbours, nearest first and each with its stored index, with or without
     /// keyframes, and with what `denoiser` makes of the samples; and its seconds without those of the samples. The network reads
-    /// keyframes as factors of the albedo. Then its picture is mixed with keyframes that are carried over the split sum.
+    /// keyframes that are carried over the split sum, and then its picture is mixed with them.
     pub fn traced(
         &self,
         buffer: Buffer,
@@ -93,16 +93,10 @@ impl<'a> Fused<'a> {
             let near = places.iter().copied().zip(others);
             offer(&mut record, index, near, |there| *sequence.camera(there), (environment, exposure))?;
             if keyframes {
-                self.carry(&mut record, buffer);
+                self.carry(&mut record, buffer, &shading.image);
             }
             if let Some(denoiser) = denoiser {
-                // With others, these are more frames than the network has places for, each as far as it holds.
-                let [color, albedo, normal] = if others.is_empty() {
-                    record.noisy(&Selection::all(&record), exposure)
-                } else {
-                    let near = places.iter().copied().zip(others);
-                    noisy((&record, &Selection::all(&record)), near, |there| *sequence.camera(there), (environment, exposure))?
-                };
+                let [color, albedo, normal] = record.noisy(&Selection::all(&record), exposure);
                 record.add_denoised(0, &denoiser.denoise(&color, Some(&albedo), Some(&normal))?, exposure);
             }
             let drawn = self.draw(&record)?;
@@ -115,13 +109,13 @@ impl<'a> Fused<'a> {
         })
     }
 
-    /// Adds the keyframes around the frame as factors of the albedo.
-    fn carry(&self, record: &mut Record<f32>, buffer: Buffer) {
+    /// Adds the keyframes around the frame, carried over its picture by the split sum.
+    fn carry(&self, record: &mut Record<f32>, buffer: Buffer, start: &Rgb) {
         let before = self.lit.iter().rfind(|(key, _)| *key < buffer.index);
         let after = self.lit.iter().find(|(key, _)| *key > buffer.index);
         let seen =
             [before, after].map(|found| found.map(|(index, key)| keyframes::seen_from(self.sequence, buffer.index, *index, key)));
-        record.add_keys(seen, buffer.frame, None, self.sequence.exposure());
+        record.add_keys(seen, buffer.frame, start, self.sequence.exposure());
     }
 
     fn draw(&self, record: &Record<f32>) -> Result<Rgb> {
