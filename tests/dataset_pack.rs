@@ -74,6 +74,27 @@ fn copy(from: &Path, to: &Path) {
     }
 }
 
+/// The splits of a folder without a plan may come in any order.
+#[test]
+fn folders_without_a_plan_lose_no_sequence() {
+    let (data, folder) = (dataset(), tempfile::tempdir().unwrap());
+    let [mixed, shards, coco] = ["mixed", "shards", "coco"].map(|name| folder.path().join(name));
+    let all = sequences(data);
+    let of = |wanted: &str| all.iter().filter(|(split, _)| *split == wanted).map(|(_, path)| path.clone()).collect::<Vec<_>>();
+    let (train, test) = (of("train"), of("test"));
+    for (from, to) in [(&train[0], "a"), (&test[0], "b"), (&train[1], "c")] {
+        copy(from, &mixed.join(to));
+    }
+    let output = pack(&mixed, &shards, &[]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let held = |file: &str| members(&shards.join(file)).into_iter().map(|(name, _)| name).collect::<Vec<_>>().join(" ");
+    let train = held("train-000000.tar") + &held("train-000001.tar");
+    assert!(train.contains("a_0000") && train.contains("c_0002") && held("test-000000.tar").contains("b_0000"), "{train}");
+    assert!(verify(&shards).status.success());
+    succeed(&["dataset", "export", mixed.to_str().unwrap(), "--to", "coco", "-o", coco.to_str().unwrap()]);
+    assert_eq!(json(&coco.join("annotations/instances_train.json"))["images"].as_array().unwrap().len(), 6);
+}
+
 #[test]
 fn shards_hold_every_frame_once_and_say_what_it_is() {
     let (data, folder) = (dataset(), tempfile::tempdir().unwrap());

@@ -97,6 +97,22 @@ fn shells() -> Vec<&'static str> {
     ["sh", "dash", "bash"].into_iter().filter(there).collect()
 }
 
+/// With fewer tasks at once than arrays, an array waits for an earlier one.
+#[test]
+fn few_tasks_at_once_are_few_over_all_arrays() {
+    let site = Site::new(3500, &["--tasks-at-once", "2"]);
+    for shell in shells() {
+        let submitted = site.script(shell, "submit.sh", &[]).output().unwrap();
+        assert!(submitted.status.success(), "{shell}: {}", stderr(&submitted));
+        let calls = site.calls();
+        let waits = |call: &String| call.split(' ').find(|word| word.starts_with("[--dependency")).map(str::to_owned);
+        let after = |text: &str| Some(format!("[--dependency={text}]"));
+        let expected = [None, None, after("afterany:101"), after("afterany:102"), after("afterok:101:102:103:104")];
+        assert_eq!(calls.iter().map(waits).collect::<Vec<_>>(), expected, "{shell}: {calls:?}");
+        assert!(calls[..4].iter().all(|call| call.contains("%1]")), "{shell}: {calls:?}");
+    }
+}
+
 #[test]
 fn arrays_of_a_thousand_then_the_merge() {
     let options = ["--tasks-at-once", "130", "--partition", "render", "--account", "lab", "--extra", "--qos=long"];

@@ -27,7 +27,7 @@ Examples:
 /// Datasets: a small plan, and folders of sequences made from it.
 #[derive(Subcommand)]
 pub enum DatasetCommand {
-    /// Write a plan: counts, sizes, the seed, and every option with its default
+    /// Write a plan: counts, sizes, the seed, and what scenes look like
     Plan(PlanArgs),
     /// Show what a plan would make: contact sheets of its meshes, environments and scenes, and counts of its catalogue
     Preview(PreviewArgs),
@@ -52,7 +52,7 @@ pub enum DatasetCommand {
 /// Writes a plan file.
 #[derive(Args)]
 #[command(after_help = "Example: renderflow dataset plan --seed 5 --sequences 1300 --resolution 512 -o plan.toml\n\
-The file holds every setting (layouts, cameras, materials, motion, families of each split); edit it before rendering.")]
+The file holds the settings (layouts, cameras, materials, motion, families of each split); edit it before rendering.")]
 pub struct PlanArgs {
     /// Root of the seed tree
     #[arg(long, help_heading = "Sequences")]
@@ -246,7 +246,7 @@ impl DatasetCommand {
                 Ok(())
             }
             Self::Verify(args) => args.run(cancel),
-            Self::Repair(args) => args.run(cancel),
+            Self::Repair(args) => args.run(allowed, cancel),
             Self::Stats(args) => args.run(),
             Self::Slurm(args) => args.run(allowed),
             Self::Pack(args) => args.run(cancel),
@@ -294,6 +294,10 @@ impl PlanArgs {
         };
         plan.splits = planning::splits(&plan, self.meshes.as_deref(), self.hdris.as_deref())?;
         plan.check()?;
+        if plan.frames > 1 && plan.numbers().count() == 1 {
+            let (step, frames) = (plan.frame_step, plan.frames);
+            eprintln!("note: with --frame-step {step}, only the first of {frames} frames is rendered");
+        }
         let text = if files::has_ending(&self.out, &["toml"]) {
             toml::to_string_pretty(&plan)?.into_bytes()
         } else {
@@ -383,9 +387,9 @@ impl VerifyArgs {
 }
 
 impl RepairArgs {
-    fn run(self, cancel: &Cancel) -> Result<()> {
+    fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let plan = self.plan.as_deref().map(Plan::read).transpose()?;
-        let repaired = repair::repair(&self.dataset, plan.as_ref(), cancel)?;
+        let repaired = repair::repair(&self.dataset, plan.as_ref(), Allowed(allowed.to_vec()), cancel)?;
         let render::Summary { made, kept, damaged, .. } = repaired.summary;
         println!("{damaged} sequences were damaged; {made} frames made, {kept} kept");
         for file in &repaired.rewritten {

@@ -2,7 +2,7 @@
 
 use super::damage::{self, Depth};
 use super::mend::{known_plan, plan_of, set_aside};
-use super::plan::{Plan, SPLITS};
+use super::plan::{Allowed, Plan, SPLITS};
 use super::render::{self, Summary};
 use super::shard::Shard;
 use crate::dataset::layout::{MANIFEST, PLAN};
@@ -23,11 +23,11 @@ pub struct Repaired {
 }
 
 /// Repairs the dataset in `out`: examines it as closely as `verify` does, and makes what is damaged or missing again. `plan` is
-/// only needed where the dataset's own plan is damaged and no log holds it.
+/// only needed where the dataset's own plan is damaged and no log holds it. Its models may name files in the folders `allowed`.
 ///
 /// # Errors
 /// As [`render::run`]; when the plan is damaged and cannot be found.
-pub fn repair(out: &Path, plan: Option<&Plan>, stop: &Cancel) -> Result<Repaired> {
+pub fn repair(out: &Path, plan: Option<&Plan>, allowed: Allowed, stop: &Cancel) -> Result<Repaired> {
     let mut repaired = Repaired::default();
     let found = match plan_of(out) {
         // Only a plan from elsewhere can help.
@@ -64,6 +64,7 @@ pub fn repair(out: &Path, plan: Option<&Plan>, stop: &Cancel) -> Result<Repaired
         eprintln!("note: {}: is not a file and was moved to {}", path.display(), aside.display());
     }
     let before = file::read(&path).ok();
+    let own = Plan { allowed, ..own };
     repaired.summary = render::run_at(&own, out, Shard { index: 1, count: 1 }, (Depth::Pixels, &|_| true), stop)?;
     if before != file::read(&path).ok() {
         repaired.rewritten.push(MANIFEST);

@@ -6,14 +6,14 @@ use super::manifest::Manifest;
 use super::plan::SPLITS;
 use super::sequence::{Sequence, folders};
 use crate::dataset::layout::MANIFEST;
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use renderflow_frame::file;
 use std::path::Path;
 
 /// A dataset with all its sequences.
 #[derive(Debug)]
 pub struct WholeDataset {
-    /// By split (train, val, test), then by name.
+    /// By split, then by name.
     pub sequences: Vec<Sequence>,
     /// BLAKE3 of its `manifest.json`, if there is one.
     pub manifest: Option<String>,
@@ -22,7 +22,8 @@ pub struct WholeDataset {
 /// Opens the sequences in `dataset/{train,val,test}`; `dataset` may also be one of those folders, or a sequence.
 ///
 /// # Errors
-/// When there are none; when there is a manifest but no plan; as [`Sequence::open`]; when a name would not do in an archive; when
+/// When there are none; when there is a manifest but no plan; as [`Sequence::open`]; when a name would not do in an archive, or
+/// another sequence of the split has it; when
 /// the dataset has a plan and is not whole: files are missing or have another size, records or the manifest are wrong, or there
 /// are sequences that do not belong to the plan.
 pub fn open(dataset: &Path) -> Result<WholeDataset> {
@@ -47,8 +48,16 @@ pub fn open(dataset: &Path) -> Result<WholeDataset> {
             paths.extend(folders(&folder)?);
         }
     }
-    let sequences = paths.iter().map(|path| Sequence::open(path)).collect::<Result<Vec<_>>>()?;
+    let mut sequences = paths.iter().map(|path| Sequence::open(path)).collect::<Result<Vec<_>>>()?;
     sequences.iter().try_for_each(fits_archive)?;
+    let place = |sequence: &Sequence| SPLITS.iter().position(|split| *split == sequence.split);
+    sequences.sort_by(|a, b| (place(a), &a.name).cmp(&(place(b), &b.name)));
+    if let Some([first, second]) =
+        sequences.windows(2).find(|pair| pair[0].split == pair[1].split && pair[0].name == pair[1].name)
+    {
+        let (split, one, other) = (first.split.name(), first.folder.display(), second.folder.display());
+        bail!("{one} and {other}: two sequences of {split} have one name");
+    }
     ensure!(!sequences.is_empty(), "{}: no sequence in it or in its train, val or test", dataset.display());
     if let Some(home) = home {
         let records = home.accept(&home.indices)?;

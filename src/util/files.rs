@@ -2,6 +2,7 @@
 
 use anyhow::{Context, Result};
 use renderflow_frame::file;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// The ending of a file's name in lower case, without the dot; empty where there is none.
@@ -26,14 +27,19 @@ pub fn list(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// The files that have one of `endings`, in a folder and in all folders below it, by path.
+/// The files that have one of `endings`, in a folder and in all folders below it, by path. A folder that links lead to more than
+/// once is visited once.
 ///
 /// # Errors
 /// When a folder cannot be listed.
 pub fn walk(folder: &Path, endings: &[&str]) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
-    let mut folders = vec![folder.to_owned()];
+    let (mut folders, mut visited) = (vec![folder.to_owned()], BTreeSet::new());
     while let Some(folder) = folders.pop() {
+        let full = folder.canonicalize().with_context(|| format!("{}: cannot list", folder.display()))?;
+        if !visited.insert(full) {
+            continue;
+        }
         for path in list(&folder)? {
             if path.is_dir() {
                 folders.push(path);
@@ -72,6 +78,11 @@ mod tests {
         let expected = [make("a/deep/er/x.PNG"), make("a/y.exr"), make("b.png")];
         make("a/z.txt");
         std::fs::create_dir(folder.path().join("folder.png")).unwrap();
+        assert_eq!(walk(folder.path(), &["png", "exr"]).unwrap(), expected);
+        #[cfg(unix)]
+        for (to, link) in [("..", "a/deep/up"), (".", "self")] {
+            std::os::unix::fs::symlink(to, folder.path().join(link)).unwrap();
+        }
         assert_eq!(walk(folder.path(), &["png", "exr"]).unwrap(), expected);
         assert!(format!("{:#}", walk(&folder.path().join("none"), &[]).unwrap_err()).contains("none: cannot list"));
         assert_eq!(hash(&expected[2]).unwrap(), blake3::hash(b"b.png").to_hex().as_str());

@@ -50,7 +50,12 @@ while [ "$offset" -lt "$shards" ]; do
         [ "$share" -gt 0 ] || share=1
         tasks=$tasks%$share
     fi
-    submit "job $((offset / array_limit + 1))" "--array=$tasks" "--output=$logs/%A_%a.out" array.sh "$offset"
+    # Where fewer tasks may run than there are arrays, each array waits for the one that comes so many places before it.
+    after=
+    if [ "$at_once" -gt 0 ] && [ $((offset / array_limit)) -ge "$at_once" ]; then
+        after=--dependency=afterany:$(echo "$jobs" | tr : '\n' | tail -n "$at_once" | head -n 1)
+    fi
+    submit "job $((offset / array_limit + 1))" "--array=$tasks" ${after:+"$after"} "--output=$logs/%A_%a.out" array.sh "$offset"
     jobs=$jobs${jobs:+:}$job
     offset=$end
 done
