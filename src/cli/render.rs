@@ -58,8 +58,8 @@ pub struct Render {
     frames: Option<u32>,
     #[command(flatten)]
     trace: TraceArgs,
-    /// Denoise with the samples of up to eight frames before as well, or of those before and after, as far as they agree. Less
-    /// error and less flicker remain. Frames are denoised once all are rendered
+    /// Denoise each frame with the samples of frames around it as well, as far as they agree. Less error and less flicker remain.
+    /// Frames are denoised once all are rendered
     #[arg(long, value_enum, help_heading = "Denoising",
         conflicts_with_all = ["adaptive", "target_error", "time_budget", "sample_map", "reference", "tev"])]
     neighbours: Option<Neighbours>,

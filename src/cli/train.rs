@@ -21,6 +21,7 @@ use renderflow_frame::{file, words};
 use renderflow_model::device::DeviceChoice;
 use renderflow_model::fusion::training::Config as FusionConfig;
 use renderflow_model::inverse::training::Config as InverseConfig;
+use renderflow_model::network::trained::{Described, Trained};
 use renderflow_model::train::runner::Summary;
 use renderflow_model::train::{RunConfig, Team};
 use renderflow_model::wan::FlowConfig;
@@ -83,6 +84,9 @@ impl TrainCommand {
     }
 }
 
+/// The name of the weights inside the program, for --from.
+const SHIPPED: &str = "shipped";
+
 /// The options of a training.
 #[derive(Args)]
 struct Train {
@@ -100,8 +104,8 @@ struct Train {
     keep: Option<PathBuf>,
     /// Folder for the checkpoint, log.jsonl and weights.safetensors. The fusion network also writes curves.html, TensorBoard
     /// events and pictures
-    #[arg(long, short, help_heading = "Output")]
-    out: PathBuf,
+    #[arg(long, short, required_unless_present = "print_config", help_heading = "Output")]
+    out: Option<PathBuf>,
     /// JSON file with the options of either network, as --print-config prints them. Other flags override it
     #[arg(long, help_heading = "Input")]
     config: Option<PathBuf>,
@@ -114,7 +118,8 @@ struct Train {
     /// Weights of the autoencoder of the paper's network
     #[arg(long, help_heading = "Network")]
     vae: Option<PathBuf>,
-    /// Weights to begin with, written by this program. The paper's network can also begin with published weights of Wan or VACE
+    /// Weights to begin with, written by this program; `shipped` for those inside the program. The paper's network can also begin
+    /// with published weights of Wan or VACE
     #[arg(long, help_heading = "Network")]
     from: Option<PathBuf>,
     /// Weights of the renderer on which an adapter of the paper's network is trained
@@ -267,6 +272,12 @@ impl Train {
                 self.check_sequences(options)?;
             }
             Configuration::Wan(config) => {
+                for (flag, given) in [("--plan", self.plan.is_some()), ("--keep", self.keep.is_some())] {
+                    ensure!(
+                        !given,
+                        "{flag} is for networks that learn from rendered sequences; this configuration is of the paper's"
+                    );
+                }
                 self.apply_flags(&mut config.run);
                 self.apply_wan_flags(config)?;
             }
@@ -276,18 +287,28 @@ impl Train {
 
     /// Applies the flags that all networks have.
     fn apply_flags(&self, run: &mut RunConfig) {
-        run.output.clone_from(&self.out);
+        run.output = self.out.clone().unwrap_or_default();
         run.steps = self.steps.unwrap_or(run.steps);
         run.minutes = self.minutes.or(run.minutes);
         run.seed = self.seed.unwrap_or(run.seed);
+    }
+
+    /// The network to begin with, if there is one.
+    fn start<N: Described>(&self) -> Result<Option<Trained<N>>> {
+        let Some(path) = &self.from else { return Ok(None) };
+        if self.out.as_ref().is_some_and(|out| out.join("checkpoint.safetensors").is_file()) {
+            eprintln!("note: --from has no effect, because the run goes on from its own checkpoint");
+        }
+        Ok(Some(if path == Path::new(SHIPPED) { Trained::shipped()? } else { Trained::load(path)? }))
     }
 
     /// Refuses frames of `size` pixels that are smaller than a crop of `crop`, and says how to get smaller crops. `option` is
     /// where the configuration has them.
     fn check_crop(&self, size: [usize; 2], crop: usize, option: &str) -> Result<()> {
         let [width, height] = size;
-        let command = match (&self.preset, &self.stage) {
-            (Some(preset), Some(_)) => format!("renderflow train --preset {preset} --stage ... "),
+        let command = match (&self.preset, &self.stage, &self.config) {
+            (Some(preset), Some(_), _) => format!("renderflow train --preset {preset} --stage ... "),
+            (_, _, Some(file)) => format!("renderflow train --config {} ", file.display()),
             _ => "renderflow train ".to_owned(),
         };
         ensure!(

@@ -21,7 +21,7 @@ struct Cli {
 enum Command {
     /// Time against error over samples a pixel, on every benchmark scene
     Convergence(convergence::Options),
-    /// What every skip saves, and that it does not show
+    /// Time saved by each skip, and proof that the picture stays the same
     Skip(skip::Options),
     /// A frame of a sequence against a frame alone: what is kept from frame to frame
     Orbit(orbit::Options),
