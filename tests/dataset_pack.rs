@@ -79,10 +79,13 @@ fn copy(from: &Path, to: &Path) {
 fn folders_without_a_plan_lose_no_sequence() {
     let (data, folder) = (dataset(), tempfile::tempdir().unwrap());
     let [mixed, shards, coco] = ["mixed", "shards", "coco"].map(|name| folder.path().join(name));
-    let all = sequences(data);
-    let of = |wanted: &str| all.iter().filter(|(split, _)| *split == wanted).map(|(_, path)| path.clone()).collect::<Vec<_>>();
-    let (train, test) = (of("train"), of("test"));
-    for (from, to) in [(&train[0], "a"), (&test[0], "b"), (&train[1], "c")] {
+    let (plan, tested) = (folder.path().join("plan.json"), folder.path().join("tested"));
+    let (plan, out) = (plan.to_str().unwrap(), tested.to_str().unwrap());
+    let counts = ["--sequences", "1", "--split", "test", "--frames", "3", "--resolution", "24", "--spp", "2"];
+    succeed(&[&["dataset", "plan", "--seed", "9", "--denoise", "none", "--out", plan][..], &counts].concat());
+    succeed(&["dataset", "render", "--plan", plan, "--out", out]);
+    let (train, test) = (sequences(data), sequences(&tested));
+    for ((_, from), to) in [(&train[0], "a"), (&test[0], "b"), (&train[1], "c")] {
         copy(from, &mixed.join(to));
     }
     let output = pack(&mixed, &shards, &[]);

@@ -467,6 +467,7 @@ fn the_demo_looks_at_all_its_folders_first() {
         ("a/results/notes.txt", "mine", "results.json"),
         ("b/report/index.html", "mine", "not a page of this program"),
         ("c/sequence/scene.json", "{}", "choose another folder"),
+        ("d/comparison.0000.png", "mine", "not of a demo"),
     ] {
         folder.put(name, content);
         let out = folder.at(&name[..1]);

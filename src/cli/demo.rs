@@ -84,11 +84,6 @@ impl Demo {
 
         let progress = Progress::new("path tracing", u64::from(scene.frames) * 1000);
         let folder = self.out.join("sequence");
-        let out = self.out.display();
-        ensure!(
-            output::exists(&folder) || output::is_empty(&self.out)?,
-            "{out}: not empty, and not of a demo; choose another folder"
-        );
         let name = scene.name.clone();
         // The scene beside the frames names the same files in full.
         let named: Vec<PathBuf> = base.folders().map(Path::to_owned).collect();
@@ -114,6 +109,8 @@ impl Demo {
         let [results_folder, report_folder] = ["results", "report"].map(|name| self.out.join(name));
         run::check(&options, &results_folder)?;
         output::check_page(&report_folder.join("index.html"))?;
+        let ours = output::exists(&folder) || output::is_empty(&self.out)?;
+        ensure!(ours, "{}: not empty, and not of a demo; choose another folder", self.out.display());
 
         sequence.make(&work, &settings, &progress, cancel)?;
         progress.finish();

@@ -222,7 +222,7 @@ pub struct SequenceJob {
     pub storage: Profile,
 }
 
-/// Seconds that each frame of truth took, stored beside the frames.
+/// Seconds of rendering and denoising each frame of truth, stored beside the frames.
 #[derive(Default, Serialize, Deserialize)]
 struct Timing {
     seconds: Vec<Option<f64>>,
@@ -396,7 +396,7 @@ impl OpenSequence<'_> {
             bytes = cost.bytes,
             "seconds of the frame's stages"
         );
-        self.timing.seconds[number] = Some(started.elapsed().as_secs_f64());
+        self.timing.seconds[number] = Some(render + denoise);
         self.write_timing()?;
         Ok(Cost { compile, render, denoise, ..cost })
     }
@@ -567,7 +567,7 @@ mod tests {
         let found = followed(
             &[
                 (&parts, false),
-                (&[single.clone()], false),
+                (std::slice::from_ref(&single), false),
                 (&apart, false),
                 (&half, false),
                 (&still, false),

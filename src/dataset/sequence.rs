@@ -112,9 +112,9 @@ impl Sequence {
         })
     }
 
-    /// BLAKE3 of what tells the stored frames `indices` from those of other data: of the descriptions, of these frames, and of the
-    /// keyframes. Of a frame whose size is the recorded one, the recorded BLAKE3 is taken, so that large sets need not be read
-    /// again.
+    /// BLAKE3 of what tells the stored frames `indices` from those of other data: of the descriptions, of these frames, and of
+    /// the keyframes. Of a frame whose size is the recorded one, the recorded BLAKE3 is taken, so that large sets need not be
+    /// read again.
     ///
     /// # Errors
     /// When a file cannot be read.

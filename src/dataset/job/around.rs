@@ -74,7 +74,7 @@ impl OpenSequence<'_> {
         let denoise = started.elapsed().as_secs_f64();
         let cost = self.write(numbers[index], &frame)?;
         if let Some(seconds) = &mut self.timing.seconds[numbers[index]] {
-            *seconds += started.elapsed().as_secs_f64();
+            *seconds += denoise;
         }
         self.write_timing()?;
         Ok(Some(Cost { denoise, ..cost }))
