@@ -79,7 +79,7 @@ fn copy(from: &Path, to: &Path) {
 fn folders_without_a_plan_lose_no_sequence() {
     let (data, folder) = (dataset(), tempfile::tempdir().unwrap());
     let [mixed, shards, coco] = ["mixed", "shards", "coco"].map(|name| folder.path().join(name));
-    let (plan, tested) = (folder.path().join("plan.json"), folder.path().join("tested"));
+    let (plan, tested) = (folder.path().join("tested.json"), folder.path().join("tested"));
     let (plan, out) = (plan.to_str().unwrap(), tested.to_str().unwrap());
     let counts = ["--sequences", "1", "--split", "test", "--frames", "3", "--resolution", "24", "--spp", "2"];
     succeed(&[&["dataset", "plan", "--seed", "9", "--denoise", "none", "--out", plan][..], &counts].concat());
