@@ -187,7 +187,7 @@ impl Infer {
             method: id,
             max_bounces: self.rays.map(|_| self.max_bounces),
             device: device::recorded(&self.weights.device.get()?),
-            data: data(dataset)?,
+            data: with_earlier(&self.out.join(RECORD), data(dataset)?),
         };
         let claim = claim(&self.out, &record)?;
         for sequence in &dataset.sequences {
@@ -241,10 +241,25 @@ impl Infer {
             method: String::new(),
             max_bounces: None,
             device: device::recorded(&self.weights.device.get()?),
-            data: data(dataset)?,
+            data: with_earlier(&self.out.join(RECORD), data(dataset)?),
         };
         claim(&self.out, &record)
     }
+}
+
+/// `now` together with what the record `path` of earlier pictures names besides.
+pub(super) fn with_earlier(path: &Path, mut now: Data) -> Data {
+    #[derive(Deserialize)]
+    struct Earlier {
+        #[serde(default)]
+        data: Data,
+    }
+    if let Ok(Earlier { data }) = file::read_json(path) {
+        for (name, digest) in data {
+            now.entry(name).or_insert(digest);
+        }
+    }
+    now
 }
 
 /// What is read of each sequence.
@@ -397,5 +412,25 @@ impl Work<'_> {
             self.progress.add(1);
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sequences of earlier runs stay known, and what is read now counts in place of what was.
+    #[test]
+    fn records_keep_what_other_runs_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(RECORD);
+        let data =
+            |pairs: &[(&str, &str)]| pairs.iter().map(|(name, hash)| (name.to_string(), hash.to_string())).collect::<Data>();
+        assert_eq!(with_earlier(&path, data(&[("b", "2")])), data(&[("b", "2")]));
+        std::fs::write(&path, r#"{"data": {"a": "1"}, "steps": 1}"#).unwrap();
+        assert_eq!(with_earlier(&path, data(&[("b", "2")])), data(&[("a", "1"), ("b", "2")]));
+        let other = with_earlier(&path, data(&[("a", "9")]));
+        assert_eq!(other, data(&[("a", "9")]));
+        assert!(same_data(&data(&[("a", "1")]), &other).unwrap_err().to_string().contains("another a"));
     }
 }

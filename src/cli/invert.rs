@@ -149,7 +149,7 @@ impl Invert {
             steps: self.steps.unwrap_or(1),
             exposure: self.exposure,
             exr: self.exr,
-            data,
+            data: infer::with_earlier(&self.out.join(RECORD), data),
         };
         Claim::agreed(&self.out, RECORD, &record, |there: &Record| {
             let options = |record: &Record| Record { data: Data::new(), ..record.clone() };

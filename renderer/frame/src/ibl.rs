@@ -7,7 +7,7 @@ mod shade;
 
 pub use brdf::{EnvironmentBrdf, environment_brdf};
 pub use edges::{Edge, blend, blend_picture};
-pub use shade::{Shading, Surfaces, shade, shade_surfaces, surfaces};
+pub use shade::{Shading, Surfaces, nearest_hit, shade, shade_surfaces, surfaces};
 
 use crate::color::luminance;
 use crate::environment::Environment;

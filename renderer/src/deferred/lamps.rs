@@ -11,6 +11,7 @@ use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 use renderflow_frame::Frame;
 use renderflow_frame::color::luminance;
+use renderflow_frame::ibl::nearest_hit;
 
 /// Most lights of the scene that are shaded. Where there are more, those count that light the frame's surfaces most.
 pub const LAMPS: usize = 8;
@@ -18,9 +19,6 @@ pub const LAMPS: usize = 8;
 const COMPARED: usize = 1024;
 /// Distance from the camera times this is how far from the surface rays begin.
 const LEAVE: f32 = 1e-3;
-/// Largest distance, along either axis, to the pixel from which a covered pixel whose centre missed takes its surface, as in
-/// [`renderflow_frame::ibl::surfaces`].
-const BORROWED: isize = 4;
 
 /// A light without an area, and what each pixel sees of it.
 #[derive(Clone, Debug)]
@@ -91,7 +89,8 @@ pub fn lamps(scene: &RenderScene, frame: &Frame) -> Vec<LampView> {
     ranked.truncate(LAMPS);
     let covered = |i: usize| frame.alpha.pixels.get(i).is_some_and(|alpha| *alpha > 0.0);
     let missed = (0..pixels).filter(|&i| !frame.depth.pixels[i].is_finite() && covered(i));
-    let borrowed: Vec<(usize, usize)> = missed.filter_map(|i| Some((i, nearest_hit(frame, i)?))).collect();
+    let nearest = |i: usize| nearest_hit(frame, i % width, i / width);
+    let borrowed: Vec<(usize, usize)> = missed.filter_map(|i| Some((i, nearest(i)?))).collect();
     let view = |(_, light): (f64, Local)| {
         let trace = |scratch: &mut Scratch, i: usize| {
             let Some(p) = point(i) else { return [0.0; 3] };
@@ -104,21 +103,6 @@ pub fn lamps(scene: &RenderScene, frame: &Frame) -> Vec<LampView> {
         LampView { light, seen }
     };
     ranked.into_iter().map(view).collect()
-}
-
-/// The pixel nearest to pixel `i` whose centre hit something. Ties go to the upper, then the left pixel, as in
-/// [`renderflow_frame::ibl::surfaces`].
-fn nearest_hit(frame: &Frame, i: usize) -> Option<usize> {
-    let (width, height) = (frame.depth.width, frame.depth.height);
-    let (x, y) = (i % width, i / width);
-    let offsets = (-BORROWED..=BORROWED).flat_map(|dy| (-BORROWED..=BORROWED).map(move |dx| (dx, dy)));
-    let hits = offsets.filter_map(|(dx, dy)| {
-        let (column, line) = (x.checked_add_signed(dx)?, y.checked_add_signed(dy)?);
-        let there = line * width + column;
-        let hit = column < width && line < height && frame.depth.pixels[there].is_finite();
-        hit.then_some((dx * dx + dy * dy, there))
-    });
-    hits.min().map(|(_, there)| there)
 }
 
 /// Share of a light that reaches a surface with the normal `n`.

@@ -213,8 +213,12 @@ pub fn shade_surfaces(camera: &Camera, surfaces: Surfaces, tables: &IblTables) -
     out
 }
 
-/// Index of the pixel nearest to (x, y), itself first, whose centre hit something.
-fn nearest_hit(frame: &Frame, x: usize, y: usize) -> Option<usize> {
+/// Index of the pixel nearest to (x, y), itself first, whose centre hit something. `None` where there is none within 4 pixels
+/// along each axis. Ties go to the upper, then the left pixel.
+///
+/// # Panics
+/// When (x, y) lies outside of the frame, or the frame has no depth.
+pub fn nearest_hit(frame: &Frame, x: usize, y: usize) -> Option<usize> {
     let here = y * frame.width + x;
     if frame.depth.pixels[here].is_finite() {
         return Some(here);
