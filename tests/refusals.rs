@@ -108,6 +108,42 @@ fn render<'a>(out: &'a str, more: &[&'a str]) -> Vec<&'a str> {
 }
 
 #[test]
+fn render_tells_changed_files_of_a_scene_apart() {
+    let folder = Folder::new();
+    let (model, picture, out) = (folder.at("corner.obj"), folder.at("paint.png"), folder.at("oo"));
+    // The bounds stay, so that the scene around the model does.
+    let corner = |at: u32| format!("mtllib corner.mtl\nusemtl paint\nv {at} {at} 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/1 3/1\n");
+    let paint = |value: u8| image::RgbImage::from_pixel(2, 2, image::Rgb([value, 90, 20])).save(&picture).unwrap();
+    std::fs::write(&model, corner(0)).unwrap();
+    std::fs::write(folder.at("corner.mtl"), "newmtl paint\nmap_Kd paint.png\n").unwrap();
+    paint(200);
+    let small = ["--scene", &model, "--resolution", "8", "--spp", "1", "--frames", "2"];
+    let again = render(&out, &small);
+    succeed(&again);
+    let first = folder.bytes("oo/frame.0000.exr");
+    let words = ["frame.0000.exr: was rendered before files that the scene names changed", "--overwrite"];
+    std::fs::write(&model, corner(1)).unwrap();
+    let said = refused(folder.path(), &again, &words);
+    assert!(!said.contains("another scene") && !said.contains("settings"), "{said}");
+    refused(
+        folder.path(),
+        &[&again[..], &["--adaptive"]].concat(),
+        &[words[0], "and is of other settings: the number of samples"],
+    );
+    std::fs::write(&model, corner(0)).unwrap();
+    paint(201);
+    refused(folder.path(), &again, &words);
+    // With the old content it goes on, and the same content elsewhere is the same.
+    paint(200);
+    std::fs::remove_file(folder.at("oo/frame.0000.exr")).unwrap();
+    succeed(&again);
+    assert!(folder.bytes("oo/frame.0000.exr") == first);
+    paint(201);
+    succeed(&[&again[..], &["--overwrite"]].concat());
+    assert!(folder.bytes("oo/frame.0000.exr") != first);
+}
+
+#[test]
 fn render_says_what_differs_and_overwrites_only_when_asked() {
     let folder = Folder::new();
     let (scene, out) = (folder.at("scene.json"), folder.at("oo"));

@@ -37,6 +37,7 @@ pub struct RenderScene {
     light: Arc<Light>,
     pub(crate) seed: u64,
     pub(crate) hash: String,
+    pub(crate) files: String,
     /// One a pose: those of a frame, one after the other.
     cameras: Vec<Camera>,
     shutter: Option<Shutter>,
@@ -211,6 +212,7 @@ impl RenderScene {
             light: Arc::new(Light::new(scene.environment.clone())),
             seed: scene.seed,
             hash: scene.hash.clone(),
+            files: scene.files.clone(),
             cameras: scene.cameras.clone(),
             shutter,
             moments,

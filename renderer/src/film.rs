@@ -85,7 +85,8 @@ fn key(scene: &RenderScene, settings: &Settings) -> String {
     let (channels, skips) = Default::default();
     let (budget, branches) = (Budget::Uniform, settings.branches());
     let settings = Settings { guide_samples: 1, irradiance: false, budget, branches, channels, skips, ..*settings };
-    let identity = (&scene.hash, scene.seed, scene.frame(), scene.camera().width, scene.camera().height, settings);
+    let content = [&scene.hash[..], &scene.files].concat();
+    let identity = (&content, scene.seed, scene.frame(), scene.camera().width, scene.camera().height, settings);
     blake3::hash(&serde_json::to_vec(&identity).expect("numbers and names")).to_hex().to_string()
 }
 

@@ -248,6 +248,8 @@ pub struct LoadedScene {
     /// BLAKE3 of the scene's canonical JSON, hexadecimal.
     pub hash: String,
     /// Shapes.
+    /// BLAKE3 of what the files that the scene names hold, as far as they were read, hexadecimal; empty without files.
+    pub files: String,
     pub meshes: Vec<Mesh>,
     /// Placed shapes.
     pub instances: Vec<Instance>,

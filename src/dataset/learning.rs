@@ -11,7 +11,7 @@ use crate::dataset::around::{Carried, Neighbours, REACH, Traced, offer, surface}
 use crate::dataset::plan::Plan;
 use crate::dataset::shading::BUFFERS;
 use crate::util::cancel::Cancel;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow, ensure};
 use half::f16;
 use rand::RngExt;
 use rand::seq::SliceRandom;
@@ -241,7 +241,7 @@ impl<'a> Recorded<'a> {
                 let index = sequence.numbers.iter().position(|stored| *stored == number).context("a frame of the dataset")?;
                 let frame = self.dataset.frame(which, index)?;
                 let name = &sequence.transforms.files[index];
-                ensure!(frame.info.scene_hash == loaded.hash, "{name}: is of another scene than scene.json");
+                frame.info.check_scene(&loaded.hash, &loaded.files).map_err(|reason| anyhow!("{name}: {reason}"))?;
                 let picture = frame.beauty.with_context(|| format!("{name}: has no beauty"))?;
                 Ok(Truth { picture, traced: None })
             };

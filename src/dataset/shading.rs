@@ -2,7 +2,7 @@
 
 use super::keyframes;
 use super::sequence::Sequence;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, anyhow};
 use renderflow_frame::Frame;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
@@ -23,6 +23,8 @@ pub struct Shading<'a> {
     scene: RenderScene,
     /// Of the scene's description.
     hash: String,
+    /// Of the files that it names.
+    files: String,
     lighting: Lighting,
     /// The shadow tiles of the frames so far.
     tiles: ShadowTiles,
@@ -46,7 +48,7 @@ impl<'a> Shading<'a> {
         let (scene, tiles) = (RenderScene::compile(&loaded)?, ShadowTiles::default());
         let mut keys = keys.to_vec();
         keys.sort_unstable();
-        Ok(Self { sequence, scene, hash: loaded.hash, lighting, tiles, keys, near: Vec::new() })
+        Ok(Self { sequence, scene, hash: loaded.hash, files: loaded.files, lighting, tiles, keys, near: Vec::new() })
     }
 
     /// Stored frame `index` of the sequence, which holds `stored`, as scene-linear radiance.
@@ -75,7 +77,7 @@ impl<'a> Shading<'a> {
     /// The G-buffer of a frame, and its picture without keyframes.
     fn shade(&mut self, index: usize, stored: &Frame) -> Result<(Frame, Rgb)> {
         let number = self.sequence.numbers[index];
-        ensure!(stored.info.scene_hash == self.hash, "frame {number} is of another scene than scene.json");
+        stored.info.check_scene(&self.hash, &self.files).map_err(|reason| anyhow!("frame {number} {reason}"))?;
         self.scene.set_frame(number);
         let frame = render_gbuffer(&self.scene, &Settings { channels: BUFFERS, ..Settings::default() })?;
         let shadows = self.tiles.maps(&self.scene, &self.lighting, &frame);

@@ -66,6 +66,7 @@ fn shell(frame: &Frame, environment: &Environment) -> LoadedScene {
         name: "shell".into(),
         seed: frame.info.seed,
         hash: String::new(),
+        files: String::new(),
         meshes: vec![mesh(frame)],
         instances: vec![object],
         materials: vec![material],

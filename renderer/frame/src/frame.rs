@@ -20,6 +20,9 @@ pub struct FrameInfo {
     pub seed: u64,
     /// BLAKE3 of the scene's canonical JSON, hexadecimal.
     pub scene_hash: String,
+    /// BLAKE3 of what the files that the scene names hold, hexadecimal; empty where there are none, and where it is not known.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub scene_files: String,
     /// Factor from scene-linear radiance to display-linear (see [`crate::ibl::exposure`]).
     pub exposure: f32,
     /// Form of the BRDF (`conserving`, `published`); empty where it is not known.
@@ -54,6 +57,21 @@ pub struct FrameInfo {
 }
 
 impl FrameInfo {
+    /// Checks that the frame was rendered from the scene with this [`scene_hash`](Self::scene_hash) and these
+    /// [`scene_files`](Self::scene_files). Files that are not known are taken for the same.
+    ///
+    /// # Errors
+    /// A text that tells what differs.
+    pub fn check_scene(&self, hash: &str, files: &str) -> std::result::Result<(), &'static str> {
+        if self.scene_hash != hash {
+            Err("is of another scene than scene.json")
+        } else if !self.scene_files.is_empty() && self.scene_files != files {
+            Err("was rendered before files that scene.json names changed")
+        } else {
+            Ok(())
+        }
+    }
+
     /// Refuses values that no file may hold: numbers that are not finite, a limit that is not above 0, and 0 samples per camera
     /// ray.
     pub(crate) fn check(&self) -> std::result::Result<(), String> {

@@ -5,23 +5,27 @@
 //! unless the user has allowed another folder. Symbolic links are followed, because only the owner of a folder can put one there.
 
 use crate::words;
+use std::collections::BTreeSet;
 use std::path::{Component, Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Largest size in bytes of a name that is read from a file.
 const LONGEST: usize = 4096;
 
 /// The folder of a file, and the folders that the user allows its names to lead to.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug)]
 pub struct Reach {
     folder: PathBuf,
     allowed: Vec<PathBuf>,
+    /// The files that were read; copies share the list.
+    noted: Option<Arc<Mutex<BTreeSet<PathBuf>>>>,
 }
 
 impl Reach {
     /// Names may lead to `folder` and everything below it.
     pub fn folder(folder: impl Into<PathBuf>) -> Self {
         let folder: PathBuf = folder.into();
-        Self { folder: if folder.as_os_str().is_empty() { ".".into() } else { folder }, allowed: Vec::new() }
+        Self { folder: if folder.as_os_str().is_empty() { ".".into() } else { folder }, allowed: Vec::new(), noted: None }
     }
 
     /// Names may lead to the folder of `file` and everything below it.
@@ -39,7 +43,25 @@ impl Reach {
     /// The same allowed folders, for the names in `file`.
     #[must_use]
     pub fn at(&self, file: &Path) -> Self {
-        Self { allowed: self.allowed.clone(), ..Self::of(file) }
+        Self { allowed: self.allowed.clone(), noted: self.noted.clone(), ..Self::of(file) }
+    }
+
+    /// A copy that keeps a list of the files that are read through it and through its own copies.
+    #[must_use]
+    pub fn noting(&self) -> Self {
+        Self { noted: Some(Arc::default()), ..self.clone() }
+    }
+
+    /// Notes that the file `path` was read. Without [`noting`](Self::noting) nothing happens.
+    pub fn note(&self, path: &Path) {
+        if let Some(noted) = &self.noted {
+            noted.lock().unwrap_or_else(PoisonError::into_inner).insert(path.into());
+        }
+    }
+
+    /// The files that were noted.
+    pub fn noted(&self) -> BTreeSet<PathBuf> {
+        self.noted.as_ref().map(|noted| noted.lock().unwrap_or_else(PoisonError::into_inner).clone()).unwrap_or_default()
     }
 
     /// All folders that names may lead to: the one that relative names start from, and the allowed ones.
@@ -139,6 +161,17 @@ mod tests {
             assert!(reach.resolve(name).is_err(), "{name}: {:?}", reach.resolve(name));
         }
         assert!(reach.resolve(&"a/".repeat(4000)).is_err());
+    }
+
+    #[test]
+    fn copies_note_what_is_read() {
+        let reach = Reach::folder("data");
+        let noting = reach.noting();
+        reach.note(Path::new("data/b"));
+        noting.note(Path::new("data/a"));
+        noting.at(Path::new("models/a.obj")).note(Path::new("models/a.png"));
+        assert_eq!(noting.noted(), ["data/a", "models/a.png"].map(PathBuf::from).into());
+        assert!(reach.noted().is_empty() && noting.noting().noted().is_empty());
     }
 
     #[test]

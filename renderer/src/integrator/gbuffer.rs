@@ -455,6 +455,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
         let clear = features.clear || features.blended;
         (frame.transmittance, frame.through) = (clear.then(rgb), clear.then(rgb));
     }
+            scene_files: scene.files.clone(),
     frame
 }
 

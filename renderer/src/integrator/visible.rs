@@ -132,6 +132,7 @@ mod tests {
                 name: String::new(),
                 seed: 0,
                 hash: String::new(),
+                files: String::new(),
                 meshes: vec![mesh],
                 instances: vec![instance],
                 materials: vec![Material::default()],

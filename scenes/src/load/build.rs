@@ -14,9 +14,10 @@ use crate::texture::{Budget, uv_transform};
 use crate::{Instance, LoadReport, LoadedScene, Material, Mesh, Principled, Texture, TextureSlot, tangents};
 use glam::{DAffine3, DVec3};
 use models::Placed;
-use renderflow_frame::Environment;
+use rayon::prelude::*;
 use renderflow_frame::reach::Reach;
-use std::collections::{HashMap, HashSet};
+use renderflow_frame::{Environment, file};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::PathBuf;
 use std::rc::Rc;
 
@@ -48,6 +49,7 @@ fn build(scene: &Scene, reach: &Reach, everything: bool) -> Result<LoadedScene> 
     let mut report = LoadReport::default();
     let environment = environment(scene, reach, &mut report)?;
     let mut build = Build { report, ..Build::new(scene, reach) };
+    let reach = &reach.noting();
     build.described_materials();
     for (index, object) in scene.objects.iter().enumerate() {
         build.object(index, object).map_err(|e| e.at(format!("/objects/{index} ({})", object.name)))?;
@@ -69,6 +71,7 @@ fn build(scene: &Scene, reach: &Reach, everything: bool) -> Result<LoadedScene> 
         meshes: build.meshes,
         instances: build.instances,
         materials: build.materials,
+        files: content(reach.noted())?,
         textures: build.textures,
         origin: build.origin,
         environment,
@@ -81,6 +84,23 @@ fn build(scene: &Scene, reach: &Reach, everything: bool) -> Result<LoadedScene> 
 fn environment(scene: &Scene, reach: &Reach, report: &mut LoadReport) -> Result<Environment> {
     let light = &scene.environment;
     let place = |e: Error| e.at("/environment/source");
+/// BLAKE3 of what the files `paths` hold, in the order of their names without folders, hexadecimal; empty without files.
+fn content(paths: BTreeSet<PathBuf>) -> Result<String> {
+    if paths.is_empty() {
+        return Ok(String::new());
+    }
+    let of = |path: &PathBuf| {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(file::open(path)?).map_err(renderflow_frame::Error::io(path, "read"))?;
+        Ok((path.file_name().map(ToOwned::to_owned), *hasher.finalize().as_bytes()))
+    };
+    let mut hashes: Vec<_> = paths.par_iter().map(of).collect::<Result<_>>()?;
+    hashes.sort_unstable();
+    let mut all = blake3::Hasher::new();
+    hashes.iter().for_each(|(_, hash)| _ = all.update(hash));
+    Ok(all.finalize().to_hex().to_string())
+}
+
     let mut environment = Environment::constant([0.0; 3]);
     match &light.source {
         EnvironmentSource::Constant(radiance) => environment = Environment::constant(*radiance),
@@ -90,6 +110,7 @@ fn environment(scene: &Scene, reach: &Reach, report: &mut LoadReport) -> Result<
             if loaded.repaired > 0 {
                 let what = "texels that were NaN, infinite or negative became 0";
                 report.notes.push(format!("{}: {} {what}", path.display(), loaded.repaired));
+            reach.note(&path);
             }
             report.repaired_texels = loaded.repaired;
             environment.map = loaded.map;
@@ -230,13 +251,13 @@ impl<'a> Build<'a> {
     fn read_images(&mut self, everything: bool) -> Result<()> {
         if everything {
             self.patterns.make(&mut self.materials, &mut self.textures, true);
-            return images::read(&self.wanted, &self.materials, &mut self.textures, &self.budget);
+            return images::read(&self.wanted, &self.materials, &mut self.textures, &self.budget, self.reach);
         }
         for name in images::drop_idle_slots(&mut self.materials, &self.instances, &self.meshes) {
             self.report.notes.push(format!("material {name:?} is on no object: its textures are not read"));
         }
         self.patterns.make(&mut self.materials, &mut self.textures, false);
-        images::read(&self.wanted, &self.materials, &mut self.textures, &self.budget)?;
+        images::read(&self.wanted, &self.materials, &mut self.textures, &self.budget, self.reach)?;
         images::drop_idle_textures(&mut self.materials, &mut self.textures);
         Ok(())
     }
@@ -268,6 +289,7 @@ impl<'a> Build<'a> {
                     self.models.insert(path.clone(), placed);
                 }
                 self.instantiate(&path, object, own, object_id, &placements)?;
+                    self.reach.note(&path);
             }
         }
         Ok(())

@@ -5,6 +5,7 @@ use crate::loaded::{Encoding, Wrap};
 use crate::texture::{self, Budget};
 use crate::{Instance, Material, Mesh, Texture};
 use glam::Vec3A;
+use renderflow_frame::reach::Reach;
 use std::borrow::Cow;
 use std::path::PathBuf;
 
@@ -66,8 +67,14 @@ pub(super) fn drop_idle_slots(materials: &mut [Material], instances: &[Instance]
     unused
 }
 
-/// Reads the images that some material looks at, where all fit into `budget`.
-pub(super) fn read(wanted: &[Wanted], materials: &[Material], textures: &mut [Texture], budget: &Budget) -> Result<()> {
+/// Reads the images that some material looks at, where all fit into `budget`, and notes them in `reach`.
+pub(super) fn read(
+    wanted: &[Wanted],
+    materials: &[Material],
+    textures: &mut [Texture],
+    budget: &Budget,
+    reach: &Reach,
+) -> Result<()> {
     let looked_at = looked_at(materials, textures.len());
     let asked: Vec<&Wanted> = wanted.iter().filter(|w| looked_at[w.texture]).collect();
     let about = |wanted: &&Wanted| {
@@ -84,6 +91,7 @@ pub(super) fn read(wanted: &[Wanted], materials: &[Material], textures: &mut [Te
     };
     let decoded = texture::decode_all(&asked, budget, about, bytes, fail)?;
     for (wanted, texture) in asked.iter().zip(decoded) {
+        wanted.path.iter().for_each(|path| reach.note(path));
         textures[wanted.texture] = texture;
     }
     Ok(())

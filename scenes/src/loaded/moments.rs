@@ -170,6 +170,7 @@ mod tests {
             name: String::new(),
             seed: 0,
             hash: String::new(),
+            files: String::new(),
             meshes: vec![still, moving],
             instances: vec![],
             materials: vec![],

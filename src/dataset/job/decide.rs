@@ -164,7 +164,10 @@ impl OpenSequence<'_> {
     fn is_of(&self, number: usize, hash: Option<String>, settings: &TruthSettings) -> Result<bool> {
         let Some(hash) = hash else { return Ok(false) };
         Ok(match frame_file::read(&self.path(number)) {
-            Ok(frame) => frame.info.scene_hash == hash && self.differences(&frame, number, settings)?.is_empty(),
+            Ok(frame) => {
+                frame.info.check_scene(&hash, &self.loaded.files).is_ok()
+                    && self.differences(&frame, number, settings)?.is_empty()
+            }
             Err(_) => false,
         })
     }
@@ -180,15 +183,16 @@ impl OpenSequence<'_> {
             Err(error) => return Ok(Existing::Broken(error.into())),
         };
         let other = frame.info.scene_hash != self.loaded.hash;
-        let scene = other.then(|| format!("another scene{}", listed(" (", &self.scene_differences(), ")")));
+        let changed = frame.info.check_scene(&self.loaded.hash, &self.loaded.files).is_err();
+        let scene = match (other, changed) {
+            (true, _) => Some(format!("is of another scene{}", listed(" (", &self.scene_differences(), ")"))),
+            (false, true) => Some("was rendered before files that the scene names changed".into()),
+            (false, false) => None,
+        };
         let settings = self.differences(&frame, number, settings)?;
-        let settings = listed("other settings: ", &settings, "");
+        let settings = listed("is of other settings: ", &settings, "");
         let what: Vec<String> = scene.into_iter().chain((!settings.is_empty()).then_some(settings)).collect();
-        Ok(if what.is_empty() {
-            Existing::Same
-        } else {
-            Existing::Other(format!("{}: is of {}", path.display(), what.join(" and of ")))
-        })
+        Ok(if what.is_empty() { Existing::Same } else { Existing::Other(format!("{}: {}", path.display(), what.join(" and "))) })
     }
 
     /// How the settings of `frame` differ from those that it should have: the old and the new value of each.

@@ -9,6 +9,7 @@ use glam::{DVec3, Mat4, Vec3, Vec4};
 const VERSION: &str = "renderflow/version";
 const CONVENTIONS: &str = "renderflow/conventions";
 const SCENE_HASH: &str = "renderflow/scene_hash";
+const SCENE_FILES: &str = "renderflow/scene_files";
 const SEED: &str = "renderflow/seed";
 const EXPOSURE: &str = "renderflow/exposure";
 const BSDF: &str = "renderflow/bsdf";
@@ -48,6 +49,9 @@ pub(super) fn write(
     set(VERSION, string(env!("CARGO_PKG_VERSION")));
     set(CONVENTIONS, string(&channel::conventions()));
     set(SCENE_HASH, string(&info.scene_hash));
+    if !info.scene_files.is_empty() {
+        set(SCENE_FILES, string(&info.scene_files));
+    }
     // A string, because OpenEXR has no 64-bit integer.
     set(SEED, string(&info.seed.to_string()));
     set(
@@ -119,6 +123,7 @@ pub(super) fn read(header: &Header) -> std::result::Result<FrameInfo, String> {
             Some(seed) => seed.parse().map_err(|_| format!("header attribute {SEED} is not an unsigned integer"))?,
         },
         scene_hash: string(SCENE_HASH)?.unwrap_or_default(),
+        scene_files: string(SCENE_FILES)?.unwrap_or_default(),
         exposure: match other.get(EXPOSURE.as_bytes()) {
             None => 0.0,
             Some(AttributeValue::F32(exposure)) if exposure.is_finite() => *exposure,

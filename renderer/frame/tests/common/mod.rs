@@ -48,6 +48,7 @@ pub fn frame(width: usize, height: usize) -> Frame {
             spp: 256,
             seed: u64::MAX - 12,
             scene_hash: "00ff".repeat(16),
+            scene_files: "ff00".repeat(16),
             exposure: 0.123_456_79,
             bsdf: "conserving".into(),
             sampling: "average 256".into(),

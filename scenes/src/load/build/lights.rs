@@ -63,6 +63,7 @@ impl Build<'_> {
             return Ok(Arc::clone(known));
         }
         let profile = Arc::new(Profile::read(&path)?);
+        self.reach.note(&path);
         known.insert(path, Arc::clone(&profile));
         Ok(profile)
     }

@@ -250,8 +250,10 @@ impl<'a> Materials<'a> {
             }
             (None, Some(text)) if text.starts_with("data:") => Ok(Cow::Owned(uri::read(self.reach, text).map_err(fail)?)),
             (None, Some(text)) => {
-                let file = uri::file(self.reach, text);
-                Ok(Cow::Owned(file.and_then(|file| texture::read(&file)).map_err(fail)?))
+                let file = uri::file(self.reach, text).map_err(&fail)?;
+                let bytes = texture::read(&file).map_err(fail)?;
+                self.reach.note(&file);
+                Ok(Cow::Owned(bytes))
             }
             (None, None) => Err(fail("it has neither uri nor bufferView".into())),
         }

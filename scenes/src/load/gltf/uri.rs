@@ -24,10 +24,12 @@ pub(super) fn read(reach: &Reach, uri: &str) -> Result<Vec<u8>, String> {
         };
     }
     let path = file(reach, uri)?;
-    renderflow_frame::file::read(&path).map_err(|e| match &e {
+    let bytes = renderflow_frame::file::read(&path).map_err(|e| match &e {
         renderflow_frame::Error::Io { source, .. } => format!("cannot read {}: {source}", path.display()),
         other => other.to_string(),
-    })
+    })?;
+    reach.note(&path);
+    Ok(bytes)
 }
 
 /// File a relative URI refers to. Its name is what the percent-encoding stands for: what it hides is judged, not how it is

@@ -54,6 +54,7 @@ impl<'a> Libraries<'a> {
                     continue;
                 }
             };
+            self.reach.note(&path);
             let mut line = 0;
             let cleaned: String = String::from_utf8_lossy(&bytes).lines().map(|l| format!("{}\n", clean(l))).collect();
             let mut reader = Counted { text: cleaned.as_bytes(), lines: &mut line };

@@ -122,7 +122,10 @@ impl<'a> Textures<'a> {
 
     fn path(&self, material: &str, statement: &Statement) -> Result<PathBuf> {
         let path = self.reach.resolve(&statement.file.replace('\\', "/"));
-        path.map_err(|reason| Error::Name { reason: format!("material {material:?}: {reason}") })
+        let path = path.map_err(|reason| Error::Name { reason: format!("material {material:?}: {reason}") })?;
+        // It is read at once, or the load fails.
+        self.reach.note(&path);
+        Ok(path)
     }
 
     /// Index of the texture that `key` names, made by `make` at its first use.
