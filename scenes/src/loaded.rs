@@ -30,7 +30,8 @@ pub struct Mesh {
     /// the colour, interpolated, and what it covers (by a mask or by opacity) by the opacity.
     pub colors: Vec<Vec4>,
     /// Tangents (xyz unit, w = +-1 handedness) as in glTF, one a vertex; empty = none (no normal map is applied then). They
-    /// belong to the first set of texture coordinates.
+    /// belong to the first set of texture coordinates: as the file has them, or made for the coordinates that the normal map on
+    /// the mesh is looked up with, [`TextureSlot::uv_transform`] applied.
     pub tangents: Vec<Vec4>,
     /// Vertex indices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
@@ -247,9 +248,9 @@ pub struct LoadedScene {
     pub seed: u64,
     /// BLAKE3 of the scene's canonical JSON, hexadecimal.
     pub hash: String,
-    /// Shapes.
     /// BLAKE3 of what the files that the scene names hold, as far as they were read, hexadecimal; empty without files.
     pub files: String,
+    /// Shapes.
     pub meshes: Vec<Mesh>,
     /// Placed shapes.
     pub instances: Vec<Instance>,

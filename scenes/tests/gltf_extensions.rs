@@ -206,3 +206,29 @@ fn each_texture_has_its_own_set_of_coordinates() {
     assert!(notes.contains("1 sets of texture coordinates that materials ask for are not there"), "{notes}");
     assert!(mesh.uv_set(1).is_empty());
 }
+
+/// Tangents that a file lacks are those of the coordinates that the normal map is looked up with; those that it has stay.
+#[test]
+fn a_turned_normal_map_turns_the_tangents_that_are_made() {
+    let turned = json!({ "index": 0, "extensions": { "KHR_texture_transform": { "rotation": std::f32::consts::FRAC_PI_2 } } });
+    let mut file = with_material(json!({ "normalTexture": turned }), &[&UNEVEN]);
+    // The look-up is at (v, -u): its u grows where v does, along +y.
+    let scene = File::new(&file).load().unwrap();
+    let mesh = &scene.meshes[scene.instances[0].mesh];
+    assert!(!mesh.tangents.is_empty() && mesh.tangents.iter().all(|t| t.y > 0.99), "{:?}", mesh.tangents);
+
+    let vertices = [
+        (FLOAT, "VEC3", 4, false, bytes(&STRIP)),
+        (FLOAT, "VEC2", 4, false, bytes(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0])),
+        (FLOAT, "VEC3", 4, false, bytes(&[0.0, 0.0, 1.0].repeat(4))),
+        (FLOAT, "VEC4", 4, false, bytes(&[1.0, 0.0, 0.0, 1.0].repeat(4))),
+    ];
+    let with_tangents = document(&vertices);
+    for part in ["buffers", "bufferViews", "accessors"] {
+        file[part] = with_tangents[part].clone();
+    }
+    file["meshes"][0]["primitives"][0]["attributes"] = json!({ "POSITION": 0, "TEXCOORD_0": 1, "NORMAL": 2, "TANGENT": 3 });
+    let scene = File::new(&file).load().unwrap();
+    let mesh = &scene.meshes[scene.instances[0].mesh];
+    assert!(!mesh.tangents.is_empty() && mesh.tangents.iter().all(|t| t.x > 0.99), "{:?}", mesh.tangents);
+}

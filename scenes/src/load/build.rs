@@ -12,7 +12,7 @@ use crate::error::{Error, Problem, Result};
 use crate::loaded::{AlphaMask, Encoding, PunctualLight, Wrap};
 use crate::texture::{Budget, uv_transform};
 use crate::{Instance, LoadReport, LoadedScene, Material, Mesh, Principled, Texture, TextureSlot, tangents};
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Mat2};
 use models::Placed;
 use rayon::prelude::*;
 use renderflow_frame::reach::Reach;
@@ -20,6 +20,9 @@ use renderflow_frame::{Environment, file};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::path::PathBuf;
 use std::rc::Rc;
+
+/// Turns of texture coordinates that differ by no more, in any number of their matrices, are the same one.
+const SAME_TURN: f32 = 1e-5;
 
 /// Validates `scene` and loads what it refers to; `reach` says where relative paths start, the folder of the scene file, and
 /// which files the scene, and the models in it, may name.
@@ -46,10 +49,10 @@ pub fn load_everything(scene: &Scene, reach: &Reach) -> Result<LoadedScene> {
 
 fn build(scene: &Scene, reach: &Reach, everything: bool) -> Result<LoadedScene> {
     scene.validate()?;
+    let reach = &reach.noting();
     let mut report = LoadReport::default();
     let environment = environment(scene, reach, &mut report)?;
     let mut build = Build { report, ..Build::new(scene, reach) };
-    let reach = &reach.noting();
     build.described_materials();
     for (index, object) in scene.objects.iter().enumerate() {
         build.object(index, object).map_err(|e| e.at(format!("/objects/{index} ({})", object.name)))?;
@@ -68,10 +71,10 @@ fn build(scene: &Scene, reach: &Reach, everything: bool) -> Result<LoadedScene> 
         name: scene.name.clone(),
         seed: scene.seed,
         hash: scene.hash(),
+        files: content(reach.noted())?,
         meshes: build.meshes,
         instances: build.instances,
         materials: build.materials,
-        files: content(reach.noted())?,
         textures: build.textures,
         origin: build.origin,
         environment,
@@ -81,9 +84,6 @@ fn build(scene: &Scene, reach: &Reach, everything: bool) -> Result<LoadedScene> 
     })
 }
 
-fn environment(scene: &Scene, reach: &Reach, report: &mut LoadReport) -> Result<Environment> {
-    let light = &scene.environment;
-    let place = |e: Error| e.at("/environment/source");
 /// BLAKE3 of what the files `paths` hold, in the order of their names without folders, hexadecimal; empty without files.
 fn content(paths: BTreeSet<PathBuf>) -> Result<String> {
     if paths.is_empty() {
@@ -101,16 +101,19 @@ fn content(paths: BTreeSet<PathBuf>) -> Result<String> {
     Ok(all.finalize().to_hex().to_string())
 }
 
+fn environment(scene: &Scene, reach: &Reach, report: &mut LoadReport) -> Result<Environment> {
+    let light = &scene.environment;
+    let place = |e: Error| e.at("/environment/source");
     let mut environment = Environment::constant([0.0; 3]);
     match &light.source {
         EnvironmentSource::Constant(radiance) => environment = Environment::constant(*radiance),
         EnvironmentSource::File(file) => {
             let path = reach.resolve(file).map_err(|reason| place(Error::Name { reason }))?;
             let loaded = renderflow_frame::hdr::read(&path).map_err(|e| place(e.into()))?;
+            reach.note(&path);
             if loaded.repaired > 0 {
                 let what = "texels that were NaN, infinite or negative became 0";
                 report.notes.push(format!("{}: {} {what}", path.display(), loaded.repaired));
-            reach.note(&path);
             }
             report.repaired_texels = loaded.repaired;
             environment.map = loaded.map;
@@ -286,10 +289,10 @@ impl<'a> Build<'a> {
                 let path = self.reach.resolve(file).map_err(|reason| Error::Name { reason })?;
                 if !self.models.contains_key(&path) {
                     let placed = self.add_model(&path, file)?;
+                    self.reach.note(&path);
                     self.models.insert(path.clone(), placed);
                 }
                 self.instantiate(&path, object, own, object_id, &placements)?;
-                    self.reach.note(&path);
             }
         }
         Ok(())
@@ -321,23 +324,45 @@ impl<'a> Build<'a> {
         self.materials.len() - 1
     }
 
-    /// Tangents for the meshes that a normal map or a stretched highlight is seen on, and only for them.
+    /// Tangents for the meshes that a normal map or a stretched highlight is seen on, and only for them. Those that a file brings
+    /// stay. Others belong to the coordinates that the normal map is looked up with: a mesh whose materials turn theirs
+    /// differently becomes several.
     fn prepare_tangents(&mut self) {
         let mut told = HashSet::new();
-        for instance in &self.instances {
-            let material = &self.materials[instance.material];
+        let mut asked: BTreeMap<usize, Vec<(Mat2, Vec<usize>)>> = BTreeMap::new();
+        for (number, instance) in self.instances.iter().enumerate() {
+            let (material, mesh) = (&self.materials[instance.material], &self.meshes[instance.mesh]);
             let bumpy = material.normal_texture.is_some();
-            if (bumpy || material.surface.anisotropic > 0.0)
-                && !tangents::generate(&mut self.meshes[instance.mesh])
-                && told.insert((instance.mesh, instance.material))
-            {
-                let what = if bumpy { "normal map" } else { "anisotropy" };
-                let note = format!(
-                    "{}: the {what} of {:?} is not applied: the mesh has no texture coordinates",
-                    instance.name, material.name
-                );
-                self.report.notes.push(note);
+            if !(bumpy || material.surface.anisotropic > 0.0) || !mesh.tangents.is_empty() {
+                continue;
             }
+            if mesh.uvs.is_empty() {
+                if told.insert((instance.mesh, instance.material)) {
+                    let what = if bumpy { "normal map" } else { "anisotropy" };
+                    let note = format!(
+                        "{}: the {what} of {:?} is not applied: the mesh has no texture coordinates",
+                        instance.name, material.name
+                    );
+                    self.report.notes.push(note);
+                }
+                continue;
+            }
+            let turn = material.normal_texture.as_ref().map_or(Mat2::IDENTITY, |(slot, _)| tangents::turn(&slot.uv_transform));
+            let turns = asked.entry(instance.mesh).or_default();
+            match turns.iter_mut().find(|(known, _)| known.abs_diff_eq(turn, SAME_TURN)) {
+                Some((_, instances)) => instances.push(number),
+                None => turns.push((turn, vec![number])),
+            }
+        }
+        for (mesh, turns) in asked {
+            // The first keeps the mesh, which the others are copied from before it has tangents.
+            for (turn, instances) in turns.iter().skip(1) {
+                let mut copy = self.meshes[mesh].clone();
+                tangents::generate(&mut copy, *turn);
+                instances.iter().for_each(|&number| self.instances[number].mesh = self.meshes.len());
+                self.meshes.push(copy);
+            }
+            tangents::generate(&mut self.meshes[mesh], turns[0].0);
         }
     }
 
