@@ -4,7 +4,7 @@ mod common;
 
 use common::anywhere;
 use common::gltf::{FLOAT, File, STRIP, bytes, document, png};
-use common::{asset, model_scene};
+use common::{asset, grey, model_scene};
 use renderflow_scenes::loaded::{AlphaMask, Encoding};
 use renderflow_scenes::mipmap::Texels;
 use renderflow_scenes::{LoadReport, LoadedScene, Material, Principled, load};
@@ -79,6 +79,21 @@ fn textures_of_several_models_keep_apart() {
         let slot = loaded.materials[instance.material].emissive_texture.as_ref().unwrap();
         assert_eq!(loaded.textures[slot.texture].levels[0].texels, Texels::Bytes(pixels.to_vec()));
     }
+}
+
+/// Two objects may write the name of one file differently: the second has the file's material, which the first does not ask for.
+#[test]
+fn a_file_may_be_named_in_two_ways() {
+    let file = File::new(&with_material(json!({ "emissiveFactor": [1, 0.5, 0] }), &[]));
+    let path = file.path();
+    let other = path.parent().unwrap().join(".").join(path.file_name().unwrap());
+    let mut scene = model_scene(&path, Some(grey("grey")));
+    let second = model_scene(&other, None).objects.remove(0);
+    scene.objects.push(renderflow_scenes::description::Object { name: "second".into(), ..second });
+    assert_ne!(scene.objects[0].geometry, scene.objects[1].geometry);
+    let loaded = load::load(&scene, &anywhere()).unwrap();
+    let emissive = [0, 1].map(|i| loaded.materials[loaded.instances[i].material].emissive);
+    assert_eq!(emissive, [[0.0; 3], [1.0, 0.5, 0.0]]);
 }
 
 /// glTF 2.0, section 3.9.4: OPAQUE ignores alpha, MASK compares factor times texture with the cutoff (0.5 when absent).

@@ -52,6 +52,21 @@ fn quads_and_relative_indices_become_triangles() {
     }
 }
 
+/// An arrow whose second corner points inwards: a fan from the first corner would leave it.
+#[test]
+fn faces_that_are_not_convex_are_cut_inside() {
+    let text = "v -2 0 0\nv 0 1 0\nv 2 0 0\nv 0 4 0\nv 9 9 9\nf 1 2 3 4\nf 1 3 5\n";
+    let scene = Files::new(&[("model.obj", text)]).load().unwrap();
+    let mesh = &scene.meshes[0];
+    let twice = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|i| mesh.positions[i as usize]);
+        (b - a).cross(c - a).z
+    };
+    let areas: Vec<f32> = mesh.triangles.iter().map(twice).collect();
+    assert_eq!(areas.len(), 3, "{areas:?}");
+    assert!(areas.iter().all(|area| *area > 0.0) && areas[0] + areas[1] == 12.0, "{areas:?}");
+}
+
 #[test]
 fn texture_coordinates_run_down() {
     let scene = obj("vt 0 0\nvt 0.25 1 0\nvn 0 0 2\nf 1/1/1 2/2/1 3/1/1").load().unwrap();
@@ -193,6 +208,16 @@ fn light_coats_cloth_and_stretch_of_the_pbr_extension() {
         ([1.0; 3], 0.0, 1.0, 1.0)
     );
     assert_eq!(texels(&scene, &shiny.emissive_texture), [[9, 8, 7, 255]]);
+}
+
+#[test]
+fn glass_and_maps_that_are_not_read_are_told() {
+    let scene = painted("newmtl red\nillum 7\nNi 1.5\ndisp waves.png\nnewmtl shiny\nillum 9\nd -halo 0.25\n").load().unwrap();
+    let notes = &scene.report.notes;
+    assert!(notes.iter().any(|n| n.ends_with("material \"red\": its glass is not read")), "{notes:?}");
+    assert!(notes.iter().any(|n| n.contains("displacement, decal or reflection map")), "{notes:?}");
+    assert_eq!(notes.len(), 2, "{notes:?}");
+    assert_eq!(scene.materials[scene.instances[1].material].opacity, Some(0.25));
 }
 
 #[test]

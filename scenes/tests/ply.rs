@@ -133,6 +133,21 @@ fn one_colour_is_the_base_colour_and_several_are_those_of_the_vertices() {
     assert!(colors[2].distance(Vec4::new(0.0, 0.5029, 0.0, 1.0)) < 1e-3, "{colors:?}");
 }
 
+/// An arrow whose second corner points inwards: a fan from the first corner would leave it.
+#[test]
+fn faces_that_are_not_convex_are_cut_inside() {
+    let vertices = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\n";
+    let text = format!("ply\nformat ascii 1.0\n{vertices}{FACE}-2 0 0\n0 1 0\n2 0 0\n0 4 0\n4 0 1 2 3\n");
+    let scene = loaded(text.as_bytes()).unwrap();
+    let mesh = &scene.meshes[0];
+    let areas = mesh.triangles.iter().map(|t| {
+        let [a, b, c] = t.map(|i| mesh.positions[i as usize]);
+        (b - a).cross(c - a).z
+    });
+    let areas: Vec<f32> = areas.collect();
+    assert!(areas.iter().all(|area| *area > 0.0) && areas.iter().sum::<f32>() == 12.0, "{areas:?}");
+}
+
 #[test]
 fn strips_and_missing_vertices() {
     let strips = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\

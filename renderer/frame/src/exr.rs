@@ -9,7 +9,7 @@ use crate::image::{Image, Rgb};
 use crate::{Error, Frame, FrameInfo, Result, rgbe};
 use ::exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer};
 use ::exr::math::Vec2;
-use ::exr::meta::attribute::{EnvironmentMap, IntegerBounds};
+use ::exr::meta::attribute::{Chromaticities, EnvironmentMap, IntegerBounds};
 use ::exr::meta::header::{Header, LayerAttributes};
 use ::exr::prelude::{Compression, LineOrder, ReadChannels, ReadLayers, WritableImage};
 use half::f16;
@@ -19,6 +19,11 @@ use std::path::Path;
 
 /// First bytes of every OpenEXR file.
 pub(crate) const SIGNATURE: [u8; 4] = ::exr::meta::magic_number::BYTES;
+
+/// Red, green and blue of Rec.709, in the chromaticity diagram.
+const REC709: [Vec2<f32>; 3] = [Vec2(0.64, 0.33), Vec2(0.30, 0.60), Vec2(0.15, 0.06)];
+/// Largest difference of a coordinate by which a primary is still the same one: Radiance's green is (0.29, 0.60).
+const SAME_PRIMARY: f32 = 0.015;
 
 /// Largest finite half float.
 pub(crate) const HALF_MAX: f32 = 65504.0;
@@ -112,7 +117,8 @@ pub fn info(name: &Path, bytes: &[u8]) -> Result<FrameInfo> {
 /// NaN.
 ///
 /// # Errors
-/// When the file is missing or damaged, lacks a channel, or covers only a part of its display window.
+/// When the file is missing or damaged, lacks a channel, covers only a part of its display window, or has other primaries than
+/// Rec.709.
 pub fn read_rgb(path: &Path) -> Result<Rgb> {
     decode_rgb(path, &crate::file::read(path)?)
 }
@@ -162,7 +168,24 @@ fn rgb_header(name: &Path, bytes: &[u8]) -> Result<Header> {
             place(display)
         )));
     }
+    if let Some(found) = header.shared_attributes.chromaticities {
+        check_primaries(&found).map_err(malformed)?;
+    }
     Ok(header.clone())
+}
+
+/// Refuses colours that are not those of Rec.709, which everything here takes them for. White is not looked at: equal channels
+/// are white by any of them.
+fn check_primaries(found: &Chromaticities) -> std::result::Result<(), String> {
+    let found = [found.red, found.green, found.blue];
+    let near = |(found, expected): (&Vec2<f32>, Vec2<f32>)| {
+        (found.0 - expected.0).abs() <= SAME_PRIMARY && (found.1 - expected.1).abs() <= SAME_PRIMARY
+    };
+    if found.iter().zip(REC709).all(near) {
+        return Ok(());
+    }
+    let [red, green, blue] = found.map(|Vec2(x, y)| format!("({x}, {y})"));
+    Err(format!("its primaries are red {red}, green {green}, blue {blue}, not those of Rec.709: convert it to linear Rec.709"))
 }
 
 fn decode_rgb_header(name: &Path, bytes: &[u8]) -> Result<(Rgb, Header)> {

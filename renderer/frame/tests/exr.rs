@@ -305,6 +305,25 @@ fn a_missing_channel_is_named() {
     }
 }
 
+/// Colours of ACES that are taken for those of Rec.709 would be wrong without a word.
+#[test]
+fn other_primaries_are_refused() {
+    let (bytes, _) = encode(&common::frame(3, 3)).unwrap();
+    let find = b"chromaticities\0chromaticities\0";
+    let at = bytes.windows(find.len()).position(|w| w == find).unwrap() + find.len() + 4;
+    let with = |primaries: [f32; 6]| {
+        let mut bytes = bytes.clone();
+        primaries.iter().zip(bytes[at..].chunks_exact_mut(4)).for_each(|(v, place)| place.copy_from_slice(&v.to_le_bytes()));
+        exr::decode_rgb(Path::new(NAME), &bytes).map(|picture| picture.pixels.len()).map_err(|e| e.to_string())
+    };
+    // Rec.709, and the primaries that Radiance writes.
+    assert_eq!([with([0.64, 0.33, 0.3, 0.6, 0.15, 0.06]), with([0.64, 0.33, 0.29, 0.6, 0.15, 0.06])], [Ok(9), Ok(9)]);
+    for other in [[0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077], [0.708, 0.292, 0.17, 0.797, 0.131, 0.046]] {
+        let error = with(other).unwrap_err();
+        assert!(error.contains("its primaries are red (0.7") && error.contains("convert it to linear Rec.709"), "{error}");
+    }
+}
+
 #[test]
 fn another_format_is_refused() {
     let (bytes, _) = encode(&common::frame(3, 3)).unwrap();

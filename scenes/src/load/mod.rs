@@ -12,6 +12,7 @@ mod obj;
 mod patterns;
 mod play;
 mod ply;
+mod polygon;
 mod view;
 
 use crate::Texture;

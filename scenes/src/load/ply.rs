@@ -4,6 +4,7 @@
 //! The parser is here because a header may claim any number of elements: memory is taken only for what the file has bytes for.
 
 use super::model::{Model, Part};
+use super::polygon;
 use crate::error::{Error, Result};
 use crate::{Material, Mesh};
 use glam::{DAffine3, Vec2, Vec3, Vec3A, Vec4};
@@ -334,14 +335,14 @@ impl Read {
         Ok(())
     }
 
-    /// Polygons as fans of triangles, and strips; -1 ends a strip. An error comes with the number of the face.
+    /// Polygons as triangles, and strips; -1 ends a strip. An error comes with the number of the face.
     fn faces(&mut self, element: &Element, body: &mut Body) -> std::result::Result<(), (u64, String)> {
         let strips = element.name == "tristrips";
         let indices = |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index");
         let Some(place) = element.properties.iter().position(indices) else {
             return Err((0, "the faces have no vertex_indices".into()));
         };
-        let (mut list, mut other, mut small) = (vec![], vec![], 0);
+        let (mut list, mut other, mut face, mut small) = (vec![], vec![], vec![], 0);
         self.mesh.triangles.reserve(body.room(element).min(element.count as usize));
         let vertex = |index: f64| if (0.0..f64::from(u32::MAX)).contains(&index) { index as u32 } else { u32::MAX };
         for at in 0..element.count {
@@ -358,8 +359,9 @@ impl Read {
                 }
             } else {
                 small += usize::from(list.len() < 3);
-                let windows = list.windows(2).skip(1);
-                triangles.extend(windows.map(|pair| [vertex(list[0]), vertex(pair[0]), vertex(pair[1])]));
+                face.clear();
+                face.extend(list.iter().map(|&index| vertex(index)));
+                polygon::cut(&face, &self.mesh.positions, triangles);
             }
         }
         if small > 0 {

@@ -31,7 +31,11 @@ pub(super) struct Placed {
 impl Build<'_> {
     pub(super) fn add_model(&mut self, path: &Path, file: &str) -> Result<Placed> {
         // Materials and textures are read only when an object wants them.
-        let of_file = || self.scene.objects.iter().filter(|o| o.geometry == Geometry::File(file.into()));
+        // Another object may write the name of the file in another way, as in `./model.glb`.
+        let is_this = |name: &String| {
+            name == file || Path::new(name).file_name() == path.file_name() && self.reach.resolve(name).is_ok_and(|p| p == path)
+        };
+        let of_file = || self.scene.objects.iter().filter(|o| matches!(&o.geometry, Geometry::File(name) if is_this(name)));
         let wanted = of_file().any(|o| o.material.is_none());
         let animated = of_file().any(|o| o.animation.is_some());
         let loaded = model::read(path, &self.reach.at(path), wanted.then_some(&self.budget), animated)?;

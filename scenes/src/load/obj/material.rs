@@ -106,6 +106,8 @@ fn clean(line: &str) -> String {
     let words: Vec<&str> = line.split_whitespace().collect();
     match words[..] {
         [key @ ("Ka" | "Kd" | "Ks" | "Ke"), grey] => format!("{key} {grey} {grey} {grey}"),
+        // Opacity as it is where the surface faces the viewer.
+        ["d", "-halo", opacity] => format!("d {opacity}"),
         // No third number: not a colour, said by tobj as a parse error.
         [key @ ("Ka" | "Kd" | "Ks" | "Ke")] | [key @ ("Ka" | "Kd" | "Ks" | "Ke"), _, _] => format!("{key} missing number"),
         _ => line.to_owned(),
@@ -172,11 +174,15 @@ fn convert(material: &tobj::Material, textures: &mut Textures, report: &mut Load
         Some(statement) => Some(textures.slot(name, &statement, Encoding::Srgb)?),
         None => None,
     };
+    // "Transparency: Glass on" or refraction (MTL specification, "Illumination models"); some exporters write 4 for everything.
+    let glass = matches!(material.illumination_model, Some(4 | 6 | 7 | 9)) && material.optical_density.is_some_and(|n| n > 1.0);
     for (there, what) in [
         (material.normal_texture.is_some(), "bump map (a height map; normal maps are read from `norm`)"),
         (material.specular_texture.is_some() || material.shininess_texture.is_some(), "specular map"),
         ((rough.is_some() || metal.is_some()) && !maps, "pair of roughness and metallic maps of different sizes"),
         (number("anisor").is_some_and(|turn| turn != 0.0), "rotation of the anisotropy"),
+        (extra("disp").is_some() || extra("decal").is_some() || extra("refl").is_some(), "displacement, decal or reflection map"),
+        (glass && constant.is_none_or(|d| d >= 1.0), "glass"),
     ] {
         if there {
             report.notes.push(format!("material {name:?}: its {what} is not read"));

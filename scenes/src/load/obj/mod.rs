@@ -5,6 +5,7 @@ mod material;
 mod texture;
 
 use super::model::{Model, Part};
+use super::polygon;
 use crate::error::{Error, Result};
 use crate::texture::Budget;
 use crate::{Material, Mesh};
@@ -22,7 +23,7 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Res
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
     let mut lines = Lines::new(text);
     let libraries = RefCell::new(material::Libraries::new(reach));
-    let options = tobj::LoadOptions { triangulate: true, single_index: true, ..Default::default() };
+    let options = tobj::LoadOptions { triangulate: false, single_index: true, ..Default::default() };
     let parsed = tobj::load_obj_buf(&mut lines, &options, |name| {
         if textures.is_some() { libraries.borrow_mut().read(name) } else { Ok(Default::default()) }
     });
@@ -82,16 +83,27 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Res
 /// encoded as sRGB.
 fn convert(name: String, mesh: &tobj::Mesh) -> Mesh {
     let vectors = |flat: &[f32]| flat.chunks_exact(3).map(Vec3::from_slice).collect::<Vec<_>>();
+    let positions = vectors(&mesh.positions);
+    let mut triangles = vec![];
+    if mesh.face_arities.is_empty() {
+        triangles.extend(mesh.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]));
+    }
+    let mut rest = &mesh.indices[..];
+    for &corners in &mesh.face_arities {
+        let Some((face, behind)) = rest.split_at_checked(corners as usize) else { break };
+        polygon::cut(face, &positions, &mut triangles);
+        rest = behind;
+    }
     Mesh {
         name,
-        positions: vectors(&mesh.positions),
+        positions,
         normals: vectors(&mesh.normals),
         uvs: mesh.texcoords.chunks_exact(2).map(|uv| Vec2::new(uv[0], 1.0 - uv[1])).collect(),
         colors: vectors(&mesh.vertex_color)
             .into_iter()
             .map(|color| Vec4::from((color.map(|v| srgb_to_linear(v.clamp(0.0, 1.0))), 1.0)))
             .collect(),
-        triangles: mesh.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
+        triangles,
         ..Mesh::default()
     }
 }
