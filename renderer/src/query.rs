@@ -236,24 +236,28 @@ impl RenderScene {
     }
 
     /// As [`Self::trace_all`], for rays that decide what is seen at a point: blended surfaces are there where they cover at least
-    /// one half.
+    /// one half. Bit `k` of what is returned tells whether ray `k` passes a surface: a hole, or a back that is not there.
     #[inline(always)]
-    pub(crate) fn trace_centres<F: Features>(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
-        self.trace_packet::<F, CENTRE>(rays, hits, scratch);
+    pub(crate) fn trace_centres<F: Features>(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) -> u64 {
+        self.trace_packet::<F, CENTRE>(rays, hits, scratch)
     }
 
     #[inline(always)]
-    fn trace_packet<F: Features, const KIND: u8>(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
+    fn trace_packet<F: Features, const KIND: u8>(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) -> u64 {
         #[cfg(feature = "record")]
         crate::record::packet(rays);
         self.geometry.closest_packet(rays, hits, scratch);
+        let mut passed = 0;
         if F::FULL && self.features().cutouts {
             // What is nearest of all and stops every ray is what the ray meets; elsewhere holes and back faces decide.
             let open = |hit: &Hit| !self.materials[self.geometry.material(hit)].is_solid();
-            for (ray, hit) in rays.iter().zip(hits).filter(|(_, hit)| hit.as_ref().is_some_and(open)) {
+            for (k, (ray, hit)) in rays.iter().zip(hits).enumerate().filter(|(_, (_, hit))| hit.as_ref().is_some_and(open)) {
+                let nearest = hit.map_or(0.0, |hit| hit.t);
                 *hit = if KIND == CENTRE { self.trace_centre(ray, scratch) } else { self.trace::<F>(ray, scratch) };
+                passed |= u64::from(hit.is_none_or(|hit| hit.t > nearest)) << (k & 63);
             }
         }
+        passed
     }
 
     /// What there is along `ray` to the environment, and the share of light that panes on the way let through.

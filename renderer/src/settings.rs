@@ -225,6 +225,25 @@ impl Settings {
         self.spp.div_ceil(self.branches())
     }
 
+    /// The number of equal shares of a pixel, and of a lobe, of which sample `number` covers one: textures are filtered over it.
+    ///
+    /// Where nobody knows how many samples there will be, it follows those up to this one, in powers of two: with the shares of
+    /// the most that are allowed, textures would be sampled far more finely than the samples there are can average. The shares of
+    /// most samples of a pixel are nevertheless as small as their number asks for, so the picture converges to the same one.
+    pub(crate) fn shares(&self, number: u32) -> u32 {
+        match self.budget {
+            Budget::Uniform | Budget::Average => self.spp,
+            Budget::Error { .. } | Budget::Time { .. } => {
+                (number + 1).next_power_of_two().max(self.budget.fewest(self.spp)).min(self.spp)
+            }
+        }
+    }
+
+    /// Of the camera ray that sample `number` belongs to, the same of the pixel alone.
+    pub(crate) fn camera_shares(&self, number: u32) -> u32 {
+        self.shares(number).div_ceil(self.branches())
+    }
+
     /// The light groups; `None` where the light is not split.
     pub fn groups(&self, scene: &RenderScene) -> Option<LightGroups> {
         let groups = LightGroups::new(self.light_groups as usize, scene.environment().rotation).ok()?;

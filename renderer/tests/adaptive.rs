@@ -5,8 +5,9 @@ mod common;
 use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny};
 use glam::{Affine3A, Vec3};
 use renderflow_frame::{Environment, Frame, Image};
-use renderflow_renderer::{Budget, DirectLight, Error, RenderScene, Settings, render_mapped, render_with_stats};
-use renderflow_scenes::{LoadedScene, Material, Principled};
+use renderflow_renderer::{Budget, DirectLight, Error, RenderScene, Settings, Skips, render_mapped, render_with_stats};
+use renderflow_scenes::loaded::{Encoding, Texture, Wrap};
+use renderflow_scenes::{LoadedScene, Material, Principled, TextureSlot};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -51,6 +52,34 @@ fn error(frame: &Frame, truth: &Frame) -> f64 {
     let pairs = a.pixels.as_flattened().iter().zip(b.pixels.as_flattened());
     let sum: f64 = pairs.map(|(&a, &b)| f64::from(a - b).powi(2) / (f64::from(b).powi(2) + 0.01)).sum();
     sum / a.pixels.as_flattened().len() as f64
+}
+
+/// Textures are filtered by the samples that there are, not by the most that there might be: where the first samples are enough,
+/// a higher limit changes nothing. Where they are not, the picture can be made again from the counts, guides included.
+#[test]
+fn textures_are_filtered_by_the_samples_that_are_taken() {
+    let mut loaded = floor(sunny(), 45, 37);
+    let texels = (0..256).map(|i| if (i / 4 + i / 64) % 2 == 0 { [255; 4] } else { [20, 60, 90, 255] }).collect();
+    loaded.textures = vec![Texture::from_rgba8("checker", [16, 16], texels, Encoding::Srgb, [Wrap::Repeat; 2])];
+    let uv_transform = glam::Affine2::from_scale(glam::Vec2::splat(2000.0));
+    loaded.materials[0].base_color_texture = Some(TextureSlot { uv_transform, ..TextureSlot::default() });
+    let scene = compile(&loaded);
+    let until = |spp: u32, millionths: u32| {
+        let budget = Budget::Error { millionths };
+        Settings { spp, budget, light_samples: Some(1), ..Settings::default() }
+    };
+    let few = [16, 64, 4096].map(|spp| render_with(&scene, &until(spp, 1_000_000_000)).0);
+    assert!(counts(&few[0]).iter().all(|&n| n == 16));
+    assert!(bits(&few[1]) == bits(&few[0]) && bits(&few[2]) == bits(&few[0]));
+
+    let settings = until(64, 1);
+    let (frame, _) = render_with(&scene, &settings);
+    assert!(counts(&frame).iter().any(|&n| n > 32));
+    let map = frame.samples.as_ref().expect("counts");
+    for skips in [Skips::ALL, Skips { shared_guides: false, ..Skips::ALL }] {
+        let again = render_mapped(&scene, &Settings { skips, ..settings }, map, &|_, _| (), &quiet()).expect("the same").0;
+        assert!(bits(&again) == bits(&frame));
+    }
 }
 
 #[test]

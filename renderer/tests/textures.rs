@@ -4,10 +4,11 @@ mod common;
 
 use common::{camera, check_frame, compile, diffuse, plane, render, render_with, scene, sphere};
 use glam::{Affine2, Affine3A, Vec2, Vec3, Vec3A, Vec4};
+use renderflow_frame::reach::Reach;
 use renderflow_frame::{Camera, Environment, Frame, Image};
 use renderflow_renderer::{Settings, render_gbuffer};
-use renderflow_scenes::loaded::{Encoding, Texture, Wrap};
-use renderflow_scenes::{LoadedScene, Material, Principled, TextureSlot};
+use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
+use renderflow_scenes::{LoadedScene, Material, Principled, Scene, TextureSlot, load};
 
 /// Edge of the pictures from above, and of the square they show, which is exactly filled.
 const EDGE: usize = 48;
@@ -173,6 +174,76 @@ fn normal_maps_lean_along_tangent_and_bitangent() {
     }
 }
 
+/// A PNG of one texel, (218, 128, 218): the normal leans by 45 degrees to where u grows.
+const LEANING: [u8; 69] = [
+    137, 80, 78, 71, 13, 10, 26, 10, 0, 0, 0, 13, 73, 72, 68, 82, 0, 0, 0, 1, 0, 0, 0, 1, 8, 2, 0, 0, 0, 144, 119, 83, 222, 0, 0,
+    0, 12, 73, 68, 65, 84, 120, 156, 99, 184, 213, 112, 11, 0, 4, 108, 2, 53, 16, 227, 244, 66, 0, 0, 0, 0, 73, 69, 78, 68, 174,
+    66, 96, 130,
+];
+
+/// A normal map that lies turned on a surface turns its normals along: they lean to where u grows as the map is looked up, and a
+/// distant light shows it. The squares are one mesh, of which each turn gets tangents of its own.
+#[test]
+fn turned_normal_maps_turn_their_normals() {
+    let lies = [(0.0, [1.0, 1.0]), (0.0, [3.0, 2.0]), (90.0, [1.0, 1.0]), (180.0, [1.0, 1.0]), (-90.0, [2.0, 2.0])];
+    let lies: Vec<(f32, [f32; 2])> = lies.into_iter().chain([(-35.0, [1.0, 2.0]), (0.0, [-1.0, 1.0])]).collect();
+    let (mut materials, mut objects) = (vec![], vec![]);
+    for (i, (rotation, scale)) in lies.iter().enumerate() {
+        let lie = format!(r#"{{ "rotation": {rotation:?}, "scale": {scale:?} }}"#);
+        materials.push(format!(
+            r#"{{ "name": "m{i}", "base_color": [0.5, 0.5, 0.5], "roughness": 1, "specular": 0, "normal_texture": "leaning.png",
+                "texture_transform": {lie} }}"#
+        ));
+        objects.push(format!(
+            r#"{{ "name": "o{i}", "geometry": {{ "shape": {{ "family": "plane", "size": 2 }} }}, "material": "m{i}",
+                "transform": {{ "translation": [{}, 0, 0] }} }}"#,
+            3 * i
+        ));
+    }
+    let text = format!(
+        r#"{{ "version": 1, "name": "turned", "resolution": [3, 3],
+            "camera": {{ "type": "poses", "poses": [{{ "eye": [0, 8, 1], "target": [0, 0, 0] }}], "vertical_fov": 10 }},
+            "environment": {{ "source": {{ "constant": [0, 0, 0] }} }}, "materials": [{}], "objects": [{}],
+            "lights": [{{ "name": "sun", "kind": {{ "directional": {{ "irradiance": 1 }} }}, "target": [0, 0, 0],
+                "transform": {{ "translation": [10, 10, 0] }} }}] }}"#,
+        materials.join(","),
+        objects.join(",")
+    );
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.json");
+    std::fs::write(folder.path().join("leaning.png"), LEANING).unwrap();
+    let mut loaded = load::load(&Scene::from_json(&path, &text).unwrap(), &Reach::of(&path)).unwrap();
+    let mut seen: Vec<(f32, f32)> = vec![];
+    for instance in loaded.instances.clone() {
+        let transform = instance.transform(0);
+        let mesh = &loaded.meshes[instance.mesh];
+        let corners = mesh.triangles[0].map(|v| v as usize);
+        let [a, b, c] = corners.map(|v| transform.transform_point3(mesh.positions[v]));
+        let [ua, ub, uc] = corners.map(|v| mesh.uvs[v]);
+        // How the place changes with u and v of the mesh, and with the u of the look-up.
+        let (e, f, d, g) = (b - a, c - a, ub - ua, uc - ua);
+        let (along_u, along_v) = ((e * g.y - f * d.y) / d.perp_dot(g), (f * d.x - e * g.x) / d.perp_dot(g));
+        let slot = &loaded.materials[instance.material].normal_texture.as_ref().expect("a normal map").0;
+        let step = slot.uv_transform.matrix2.inverse().x_axis;
+        let expected = Vec3A::from((along_u * step.x + along_v * step.y).normalize() + Vec3::Y).normalize();
+
+        let centre = transform.translation;
+        loaded.cameras = vec![Camera::look_at(centre + Vec3A::Y * 8.0, centre, Vec3A::NEG_Z, 0.1, 3, 3)];
+        let frame = render(&compile(&loaded), 4).0;
+        let found = loaded.cameras[0].camera_to_world.matrix3 * Vec3A::from_array(frame.normal.pixels[4]);
+        assert!(found.distance(expected) < 0.02, "{}: {found} for {expected}", instance.name);
+        let raw = frame.raw.as_ref().expect("a picture");
+        seen.push((expected.dot(Vec3A::new(1.0, 1.0, 0.0).normalize()).max(0.0), raw.at(1, 1)[0]));
+    }
+    for (cos, light) in &seen {
+        for (other, less) in seen.iter().filter(|(other, _)| cos - other > 0.1) {
+            assert!(light > less, "{light} at a cosine of {cos}, {less} at one of {other}");
+        }
+    }
+    let mesh = |i: usize| loaded.instances[i].mesh;
+    assert!(mesh(0) == mesh(1) && mesh(0) != mesh(2) && loaded.meshes.len() == 6, "{}", loaded.meshes.len());
+}
+
 /// Mean and standard deviation of a channel.
 fn spread(pixels: &[[f32; 3]]) -> [f64; 2] {
     let n = pixels.len() as f64;
@@ -257,6 +328,26 @@ fn levels_do_not_move_the_mean() {
         }
     }
     assert!(filtering >= 12, "levels were used in {filtering} pictures alone");
+}
+
+/// What a mask leaves of a surface is the same share at any distance, seen by many pixels or many to a pixel. Masks are not read
+/// from coarser levels, whose mean alpha would be all of it or nothing of it, and holes at the centre and all corners of a pixel
+/// do not make it empty.
+#[test]
+fn masks_cover_the_same_share_at_every_distance() {
+    // Between the two texels alpha goes evenly from 0 to 1 and back: the share at or above the cutoff is 1 less the cutoff.
+    let texels = vec![[255, 255, 255, 0], [255; 4]];
+    let stripes = Texture::from_rgba8("stripes", [2, 1], texels, Encoding::Srgb, [Wrap::Repeat; 2]);
+    for cutoff in [0.2, 0.45, 0.55, 0.8] {
+        for repeats in [300.0, 3000.0, 30_000.0] {
+            let mut loaded = far(stripes.clone(), camera([0.0, 150.0, 0.1], [0.0; 3], 20.0, 32, 32), repeats);
+            loaded.materials[0].alpha_mask = Some(AlphaMask { cutoff, factor: 1.0 });
+            let settings = Settings { guide_samples: 64, ..Settings::default() };
+            let frame = render_gbuffer(&compile(&loaded), &settings).expect("in range");
+            let share = frame.alpha.pixels.iter().sum::<f32>() / frame.alpha.pixels.len() as f32;
+            assert!((share - (1.0 - cutoff)).abs() < 0.05, "cutoff {cutoff}, {repeats} repeats: {share}");
+        }
+    }
 }
 
 #[test]

@@ -5,7 +5,7 @@ use super::visible::Visible;
 use crate::accel::{Hit, Scratch};
 use crate::camera::{Filter, Projector};
 use crate::clear::{beyond, first_hit};
-use crate::compile::RenderScene;
+use crate::compile::{CompiledMaterial, RenderScene};
 use crate::error::Result;
 use crate::features::Features;
 use crate::film::Film;
@@ -118,6 +118,8 @@ struct Pass<'a> {
     centres: bool,
     /// Whether guides are requested.
     guides: bool,
+    /// Whether anything has holes that come and go from point to point.
+    holed: bool,
 }
 
 /// Centre and guides of a pixel.
@@ -156,9 +158,10 @@ impl<F: Features> TilePass<'_, '_, F> {
         let image_point = |(x, y): (usize, usize), offset: f32| Vec2::new(x as f32 + offset, y as f32 + offset);
 
         let mut hits = [None; TILE * TILE];
+        let mut passed = [false; TILE * TILE];
         if any && (pass.centres || plain) {
             let points = self.tile.pixels().zip(&seen).map(|(at, &seen)| seen.then(|| image_point(at, 0.5)));
-            self.look_at(points, &mut hits);
+            self.look_at(points, (&mut hits, &mut passed));
         }
         let mut corners = [Corner::Nothing; (TILE + 1) * (TILE + 1)];
         if plain {
@@ -178,11 +181,11 @@ impl<F: Features> TilePass<'_, '_, F> {
             if pass.guides {
                 let rays = pass.rays(y * pass.scene.camera().width + x);
                 let found = guides.insert(GuideStatistics::default());
-                let alike = if plain && seen[at] { self.plain(at, surface.as_ref(), &corners) } else { None };
+                let alike = if plain && seen[at] && !passed[at] { self.plain(at, surface.as_ref(), &corners) } else { None };
                 if !seen[at] {
-                    found.push_misses(rays.0.into());
+                    found.push_misses(rays.into());
                 } else if let Some(first) = alike {
-                    found.push_alike(rays.0.into(), first);
+                    found.push_alike(rays.into(), first);
                 } else {
                     self.push_guides((x, y), rays, found);
                 }
@@ -211,9 +214,9 @@ impl<F: Features> TilePass<'_, '_, F> {
         centre
     }
 
-    /// Traces the rays through image points of the tile, sixteen at a time.
+    /// Traces the rays through image points of the tile, sixteen at a time: what they hit, and whether they pass holes.
     #[inline(always)]
-    fn look_at(&mut self, points: impl Iterator<Item = Option<Vec2>>, hits: &mut [Option<Hit>]) {
+    fn look_at(&mut self, points: impl Iterator<Item = Option<Vec2>>, (hits, passed): (&mut [Option<Hit>], &mut [bool])) {
         let scene = self.pass.scene;
         let mut rays = [(0, Ray::new(Vec3A::ZERO, Vec3A::Z)); SHOTS];
         let mut points = points.enumerate().filter_map(|(at, point)| Some((at, point?)));
@@ -228,10 +231,11 @@ impl<F: Features> TilePass<'_, '_, F> {
             }
             let mut found = [None; SHOTS];
             let packet = rays.map(|(_, ray)| ray);
-            scene.trace_centres::<F>(&packet[..count], &mut found[..count], &mut self.scratch);
+            let through = scene.trace_centres::<F>(&packet[..count], &mut found[..count], &mut self.scratch);
             self.stats.camera_rays += count as u64;
-            for ((at, _), hit) in rays.iter().zip(found).take(count) {
+            for (k, ((at, _), hit)) in rays.iter().zip(found).take(count).enumerate() {
                 hits[*at] = hit;
+                passed[*at] = self.pass.holed && (through >> k) & 1 == 1;
             }
         }
     }
@@ -253,8 +257,14 @@ impl<F: Features> TilePass<'_, '_, F> {
         let point = |at: usize| Vec2::new((tile.x + at % columns) as f32, (tile.y + at / columns) as f32);
         let count = columns * (tile.height + 1);
         let mut hits = [None; (TILE + 1) * (TILE + 1)];
-        self.look_at((0..count).map(|at| wanted[at].then(|| point(at))), &mut hits);
+        let mut passed = [false; (TILE + 1) * (TILE + 1)];
+        self.look_at((0..count).map(|at| wanted[at].then(|| point(at))), (&mut hits, &mut passed));
         for (at, hit) in hits.iter().enumerate().take(count) {
+            if passed[at] {
+                // Beside the hole is what has it: neither this nor what lies behind is all that the pixel sees.
+                corners[at] = Corner::Textured;
+                continue;
+            }
             let Some(hit) = hit else { continue };
             corners[at] = if varies(hit) {
                 Corner::Textured
@@ -290,13 +300,13 @@ impl<F: Features> TilePass<'_, '_, F> {
         Some(Some(FirstHit { albedo: centre.surface.base_color, ns }))
     }
 
-    /// Adds the first hits of the first `rays` guide rays of pixel (x, y); each covers one of `samples` equal shares of the
-    /// pixel.
+    /// Adds the first hits of the first `rays` guide rays of pixel (x, y).
     #[inline(always)]
-    fn push_guides(&mut self, (x, y): (usize, usize), (rays, samples): (u32, u32), guides: &mut GuideStatistics) {
+    fn push_guides(&mut self, (x, y): (usize, usize), rays: u32, guides: &mut GuideStatistics) {
         let Pass { scene, settings, .. } = *self.pass;
         let random = settings.random(scene, (x, y), None);
-        let cone = Cone::camera(scene.camera(), samples);
+        let mut shares = self.pass.shares(0);
+        let mut cone = Cone::camera(scene.camera(), shares);
         let mut packet = [Ray::new(Vec3A::ZERO, Vec3A::Z); SHOTS];
         let mut hits = [None; SHOTS];
         for start in (0..rays).step_by(SHOTS) {
@@ -305,9 +315,13 @@ impl<F: Features> TilePass<'_, '_, F> {
                 *ray = camera_ray_at(scene, settings, self.points.point(&random, index, 0), (x, y));
             }
             scene.trace_all::<F>(&packet[..count], &mut hits[..count], &mut self.scratch);
-            for (ray, hit) in packet.iter().zip(&hits).take(count) {
+            for ((index, ray), hit) in (start..rays).zip(&packet).zip(&hits).take(count) {
                 let mut first = None;
                 if let Some(hit) = hit {
+                    let own = self.pass.shares(index);
+                    if own != shares {
+                        (shares, cone) = (own, Cone::camera(scene.camera(), own));
+                    }
                     first = Some(first_hit::<F>(scene, ray, hit, cone, &mut self.scratch));
                 }
                 guides.push(first);
@@ -318,11 +332,15 @@ impl<F: Features> TilePass<'_, '_, F> {
 }
 
 impl Pass<'_> {
-    /// The number of guide rays of a pixel, and the number of equal shares of the pixel that their texture look-ups cover.
-    fn rays(&self, at: usize) -> (u32, u32) {
-        // The guides of a film are the first hits of its own camera rays.
-        let own = (self.settings.guide_samples, self.settings.guide_samples);
-        self.film.map_or(own, |film| (film.pixels[at].count() as u32, self.settings.camera_samples()))
+    /// The number of guide rays of a pixel. The guides of a film are the first hits of its own camera rays.
+    fn rays(&self, at: usize) -> u32 {
+        self.film.map_or(self.settings.guide_samples, |film| film.pixels[at].count() as u32)
+    }
+
+    /// The number of equal shares of the pixel of which the texture look-ups of guide ray `index` cover one.
+    fn shares(&self, index: u32) -> u32 {
+        let of_film = |_| self.settings.camera_shares(index * self.settings.branches());
+        self.film.map_or(self.settings.guide_samples, of_film)
     }
 
     /// Whether anything can be seen through surfaces, and is requested.
@@ -396,7 +414,10 @@ pub(super) fn frame<F: Features>(
     }
     let views = wanted.motion.then(|| Views::new(scene));
     let irradiance = settings.irradiance.then(|| scene.light().irradiance_map());
-    let pass = Pass { scene, settings, visible, film, projector, views, irradiance, centres, guides: kept.is_none() };
+    let has_holes = |material: &CompiledMaterial| material.alpha_mask.is_some() && material.varies();
+    let holed = scene.geometry.instances.iter().any(|instance| has_holes(&scene.materials[instance.material]));
+    let guides = kept.is_none();
+    let pass = Pass { scene, settings, visible, film, projector, views, irradiance, centres, guides, holed };
     let work = |tile: Tile| {
         let (scratch, points, stats) = Default::default();
         simd::run(TilePass::<F> { pass: &pass, tile, scratch, points, stats, features: std::marker::PhantomData })
@@ -434,6 +455,7 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
             spp: 0,
             seed: scene.seed,
             scene_hash: scene.hash.clone(),
+            scene_files: scene.files.clone(),
             exposure: scene.exposure(),
             bsdf: String::new(),
             sampling: String::new(),
@@ -455,7 +477,6 @@ fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
         let clear = features.clear || features.blended;
         (frame.transmittance, frame.through) = (clear.then(rgb), clear.then(rgb));
     }
-            scene_files: scene.files.clone(),
     frame
 }
 

@@ -71,13 +71,18 @@ fn expose(
     let pixels = (scene.camera().width * scene.camera().height) as u64;
     let meter = Meter::new(progress, None);
     let (mut stats, mut without) = (Stats::default(), 0);
+    // Light paths so far, by instance.
+    let mut traced = Vec::new();
     for (k, moment) in (0..scene.shutter().map_or(0, |shutter| shutter.moments)).zip(0..) {
         scene.set_moment(moment);
         let samples = range(k);
         // As much is worth finding out as a moment has rays.
         let own = Settings { spp: samples.len() as u32, ..*settings };
         let visible = Visible::new(scene, &own);
-        let casters = CausticCasters::find(scene, settings);
+        let mut casters = CausticCasters::find(scene, settings);
+        if let Some(casters) = &mut casters {
+            casters.go_on(&mut traced, &samples);
+        }
         let work = Work::new(scene, settings, &visible, casters.as_ref(), cancel).even();
         let light = work.light_paths(&samples);
         // Moments may have different numbers of light paths; all are taken to be like this one.

@@ -62,6 +62,8 @@ pub(super) struct Tracer<'a, F: Features> {
     /// Radiance of the current sample, all and by group.
     radiance: Vec3A,
     groups: [Vec3A; LIGHT_GROUPS],
+    /// See [`Settings::shares`], of the current sample.
+    shares: u32,
     /// Cone of a camera ray: what one of the samples of a pixel covers.
     camera_cone: Cone,
     /// Camera rays of the shots aimed at, and what they meet.
@@ -171,7 +173,8 @@ impl<'a, F: Features> Tracer<'a, F> {
             medium: Medium::AIR,
             radiance: Vec3A::ZERO,
             groups: [Vec3A::ZERO; LIGHT_GROUPS],
-            camera_cone: Cone::camera(scene.camera(), settings.camera_samples()),
+            shares: settings.shares(0),
+            camera_cone: Cone::camera(scene.camera(), settings.camera_shares(0)),
             rays: [Ray::new(Vec3A::ZERO, Vec3A::Z); SHOTS],
             hits: [None; SHOTS],
             scratch: Scratch::default(),
@@ -229,6 +232,11 @@ impl<'a, F: Features> Tracer<'a, F> {
         self.points.expect(shot.count * self.branches);
         self.light_samples.expect(shot.count * self.lights);
         self.stats.samples += u64::from(self.branches);
+        let shares = self.settings.shares(shot.index * self.branches);
+        if shares != self.shares {
+            self.shares = shares;
+            self.camera_cone = Cone::camera(self.scene.camera(), self.settings.camera_shares(shot.index * self.branches));
+        }
         *(if shot.seen { &mut self.stats.camera_rays } else { &mut self.stats.skipped_rays }) += 1;
         if F::FLAT_ENVIRONMENT && !shot.seen && self.directions.is_none() {
             return Sample { radiance: self.scene.environment_light().radiance(Vec3A::Y), first: None };
@@ -449,7 +457,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             self.add_scattered(&path, contribution, Origin::Environment(wi));
             return None;
         };
-        let cone = surface.cone.scattered(scattered.pdf, self.settings.spp);
+        let cone = surface.cone.scattered(scattered.pdf, self.shares);
         let (cone, distance) = if F::CLEAR { (cone.at(before), before + hit.t) } else { (cone, hit.t) };
         let next = Interaction::new::<F>(scene, &ray, &hit, cone);
         if F::FULL && next.emitted != Vec3A::ZERO {

@@ -8,6 +8,7 @@ use glam::{Affine3A, DMat3, Vec3A};
 use rayon::prelude::*;
 use renderflow_scenes::Mesh;
 use std::f32::consts::{PI, TAU};
+use std::ops::Range;
 
 /// Light less concentrated than this ([`crate::light::EnvironmentLight::concentration`]) makes no caustics that camera paths do
 /// not find (docs/measurements/renderer-notes.md, light-paths).
@@ -31,6 +32,9 @@ pub(super) struct CausticCaster {
     pub radius: f32,
     /// Paths for one sample a pixel.
     pub paths: u32,
+    /// Number of the first path, and the sample that it belongs to: other than 0 behind moments of a shutter that had other
+    /// numbers of paths.
+    first: (u64, u32),
 }
 
 /// All of them, and how dense light paths are at each.
@@ -74,6 +78,17 @@ impl PathStart {
 }
 
 impl CausticCaster {
+    /// Numbers of the light paths of `samples`; random numbers go with them.
+    pub fn numbers(&self, samples: &Range<u32>) -> Range<u64> {
+        let number = |sample: u32| self.first.0 + u64::from(sample - self.first.1) * u64::from(self.paths);
+        number(samples.start)..number(samples.end)
+    }
+
+    /// The sample that path `number` belongs to.
+    pub fn sample(&self, number: u64) -> u32 {
+        self.first.1 + ((number - self.first.0) / u64::from(self.paths)) as u32
+    }
+
     /// As what light samples that begin its light paths are drawn.
     pub fn receiver(&self) -> Receiver {
         Receiver { p: self.center, n: Vec3A::ZERO }
@@ -149,6 +164,7 @@ impl CausticCasters {
                 center,
                 radius,
                 paths: coarse(DENSITY * shine * share.min(pixels)),
+                first: (0, 0),
             })
         };
         let mut list: Vec<CausticCaster> = shiny.iter().filter_map(caster).filter(|caster| caster.paths > 0).collect();
@@ -162,6 +178,17 @@ impl CausticCasters {
             of_instance[caster.instance as usize] = Some(place);
         }
         (!list.is_empty()).then_some(Self { list, of_instance, environment })
+    }
+
+    /// Lets the paths of each body, for `samples` on, be numbered behind those that `traced` counts by instance, and counts those
+    /// of `samples` there. Without it, moments with fewer paths than those before would use some random numbers again.
+    pub fn go_on(&mut self, traced: &mut Vec<u64>, samples: &Range<u32>) {
+        traced.resize(self.of_instance.len(), 0);
+        for caster in &mut self.list {
+            let traced = &mut traced[caster.instance as usize];
+            caster.first = (*traced, samples.start);
+            *traced += u64::from(caster.paths) * samples.len() as u64;
+        }
     }
 
     /// Whether light paths may begin at `start`.
@@ -254,6 +281,30 @@ mod tests {
     use super::*;
     use glam::{Quat, Vec3};
     use renderflow_scenes::shapes::{Shape, mesh};
+
+    /// Moments that have fewer and fewer paths, or more and more, or none for a time, use each number once, and without gaps.
+    /// Where the count stays, numbers are those of a picture without a shutter.
+    #[test]
+    fn moments_share_no_light_path() {
+        let caster = |paths: u32| CausticCaster { instance: 1, center: Vec3A::ZERO, radius: 1.0, paths, first: (0, 0) };
+        for counts in [[31, 30, 24, 16, 8, 7], [7, 8, 16, 24, 30, 31], [9, 4, 0, 0, 12, 3], [5; 6]] {
+            let (mut traced, mut next) = (Vec::new(), 0);
+            for (moment, paths) in (0..).zip(counts).filter(|(_, paths)| *paths > 0) {
+                let samples = moment * 4..moment * 4 + 4;
+                let mut casters =
+                    CausticCasters { list: vec![caster(paths)], of_instance: vec![None, Some(0)], environment: true };
+                casters.go_on(&mut traced, &samples);
+                let numbers = casters.list[0].numbers(&samples);
+                assert_eq!(numbers, next..next + 4 * u64::from(paths), "{counts:?}");
+                assert!(numbers.clone().all(|number| samples.contains(&casters.list[0].sample(number))), "{counts:?}");
+                if counts == [5; 6] {
+                    assert_eq!(numbers, caster(paths).numbers(&samples));
+                }
+                next = numbers.end;
+            }
+            assert_eq!(traced, [0, next]);
+        }
+    }
 
     #[test]
     fn counts_are_coarse() {

@@ -123,7 +123,7 @@ pub(in crate::integrator) fn trace<F: Features>(
 ) -> Result<Stats> {
     let LightPaths { scene, settings, casters, samples } = paths;
     let mut chunks = casters.list.iter().enumerate().flat_map(|(number, caster)| {
-        let all = u64::from(samples.start) * u64::from(caster.paths)..u64::from(samples.end) * u64::from(caster.paths);
+        let all = caster.numbers(samples);
         let starts = all.clone().step_by(CHUNK as usize);
         starts.map(move |start| (number, start..all.end.min(start + CHUNK)))
     });
@@ -178,6 +178,8 @@ struct Tracer<'a, F: Features> {
     caster: &'a CausticCaster,
     stream: u64,
     projector: Projector,
+    /// See [`Settings::shares`], of the sample that the path under way belongs to.
+    shares: u32,
     camera_cone: Cone,
     /// Most surfaces of a path.
     longest: usize,
@@ -201,7 +203,8 @@ impl<'a, F: Features> Tracer<'a, F> {
             caster: &casters.list[number],
             stream: hash::child(STREAM, u64::from(casters.list[number].instance)),
             projector: Projector::new(scene.camera()),
-            camera_cone: Cone::camera(scene.camera(), settings.camera_samples()),
+            shares: settings.shares(0),
+            camera_cone: Cone::camera(scene.camera(), settings.camera_shares(0)),
             longest: longest(settings),
             vertices: Vec::new(),
             passed: Vec3A::ONE,
@@ -221,6 +224,11 @@ impl<'a, F: Features> Tracer<'a, F> {
         let sampler = PixelSampler::of_kind(self.settings.sampler, scene.seed, scene.frame() as u64, stream);
         let index = (number % u64::from(SEQUENCE)) as u32;
         self.stats.light_paths += 1;
+        let shares = self.settings.shares(self.caster.sample(number));
+        if shares != self.shares {
+            self.shares = shares;
+            self.camera_cone = Cone::camera(scene.camera(), self.settings.camera_shares(self.caster.sample(number)));
+        }
 
         // From the sphere around the body to the body; whether the light is seen from there is asked last.
         let Some((light, mut ray)) = self.begin(&sampler, index) else { return };
@@ -420,7 +428,7 @@ impl<'a, F: Features> Tracer<'a, F> {
                 };
                 return (radiance != Vec3A::ZERO).then_some(Deposit { pixel, radiance, from });
             }
-            cone = at.cone.scattered(scattering.pdf, self.settings.spp);
+            cone = at.cone.scattered(scattering.pdf, self.shares);
             ray = Ray::new(at.p, wi);
             hit = next?.0;
             hit.t = distance;
