@@ -2,7 +2,7 @@
 //! scripts `tests/references/*_metrics.py`; the pictures come from a generator that is in `metrics_pairs.py` and here.
 
 use renderflow::metrics::Networks;
-use renderflow::metrics::bootstrap::bootstrap;
+use renderflow::metrics::bootstrap::{bootstrap, widened};
 use renderflow::metrics::flip::{FlipMap, Seen, Viewing};
 use renderflow::metrics::psnr::{psnr, psnr_masked};
 use renderflow::metrics::ssim::{ssim, ssim_map};
@@ -268,6 +268,8 @@ fn intervals_are_scipys() {
     struct Case {
         count: usize,
         seed: u32,
+        /// Half the 95 % interval of Student's t distribution, in those of the normal distribution.
+        t: f64,
         mean: f64,
         low: f64,
         high: f64,
@@ -277,7 +279,9 @@ fn intervals_are_scipys() {
         let mut next = generator(case.seed);
         let values: Vec<f64> = (0..case.count).map(|_| 20.0 + 10.0 * next() * next()).collect();
         let ours = bootstrap(&values).unwrap();
-        let [low, high] = ours.range.unwrap();
+        let expected = case.t * (case.count as f64 / (case.count - 1) as f64).sqrt();
+        assert!((widened(case.count) - expected).abs() < 1e-4 * expected, "{}: {expected}", case.count);
+        let [low, high] = ours.range.unwrap().map(|end| ours.mean + (end - ours.mean) / widened(case.count));
         assert!((ours.mean - case.mean).abs() < 1e-12 && ours.sequences == case.count);
         // 2,000 draws leave an end about 1.5 % of the width unsure.
         let width = case.high - case.low;
@@ -291,6 +295,23 @@ fn intervals_are_scipys() {
     }
     let wider = wider.iter().sum::<f64>() / wider.len() as f64;
     assert!(wider.abs() < 0.02, "intervals are wider by {wider:+.3} on average");
+}
+
+/// Intervals of few values, too: a percentile interval of three holds the true mean in three of four draws.
+#[test]
+fn intervals_hold_the_true_mean() {
+    const DRAWS: u32 = 2000;
+    let mut next = generator(7);
+    let mut normal = || (0..12).map(|_| next()).sum::<f64>() - 6.0;
+    for count in [2, 3, 5, 12] {
+        let held = (0..DRAWS).filter(|_| {
+            let values: Vec<f64> = (0..count).map(|_| normal()).collect();
+            !bootstrap(&values).unwrap().is_clear()
+        });
+        let share = held.count() as f64 / f64::from(DRAWS);
+        println!("{count} values: {share}");
+        assert!((0.915..0.97).contains(&share), "{count} values: {share}");
+    }
 }
 
 #[test]

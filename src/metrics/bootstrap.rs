@@ -12,7 +12,8 @@ pub const CONFIDENCE: f64 = 0.95;
 /// All methods and metrics use the same draws, so that their intervals do not differ by chance alone.
 const SEED: u64 = 0x5eed;
 
-/// A mean, with the interval that holds 95 % of the means of resampled sequences (percentile method).
+/// A mean with its 95 % interval: the percentile interval of the means of resampled sequences, widened about the mean by
+/// [`widened`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
     /// Mean over the sequences.
@@ -24,7 +25,7 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// Whether the interval excludes 0. For a difference, this means that one of the two is better whatever sequences are drawn.
+    /// Whether the interval excludes 0. Where the true difference is 0, this happens for one of twenty draws of sequences.
     pub fn is_clear(&self) -> bool {
         self.range.is_some_and(|[low, high]| low > 0.0 || high < 0.0)
     }
@@ -34,6 +35,26 @@ impl Interval {
         let range = self.range.map_or(String::new(), |[low, high]| format!(" ({low:.digits$} to {high:.digits$})"));
         format!("{:.digits$}{range}", self.mean)
     }
+}
+
+/// By how much percentile intervals of the means of `count` values, 2 or more, are too narrow. The means of resampled values
+/// spread as if the variance were that of the values about their own mean, which is (n - 1) / n of the best estimate, and as if
+/// that estimate were exact. Student's t knows that it is not (Hesterberg, "What Teachers Should Know about the Bootstrap", 2015).
+/// Unwidened, intervals of three, eight and 23 normally distributed values hold the true mean in 76, 89 and 93 % of all draws.
+pub fn widened(count: usize) -> f64 {
+    /// Half a normal distribution's 95 % interval.
+    const Z: f64 = 1.959_963_985;
+    /// The same of Student's t distribution, from one degree of freedom on.
+    const T: [f64; 10] =
+        [12.706_205, 4.302_653, 3.182_446, 2.776_445, 2.570_582, 2.446_912, 2.364_624, 2.306_004, 2.262_157, 2.228_139];
+    let freedom = count.max(2) - 1;
+    let t = T.get(freedom - 1).copied().unwrap_or_else(|| {
+        // Cornish and Fisher's expansion (Abramowitz and Stegun 26.7.5).
+        let f = freedom as f64;
+        let terms = [Z.powi(3) + Z, 5.0 * Z.powi(5) + 16.0 * Z.powi(3) + 3.0 * Z];
+        Z + terms[0] / (4.0 * f) + terms[1] / (96.0 * f * f)
+    });
+    t / Z * ((freedom + 1) as f64 / freedom as f64).sqrt()
 }
 
 /// The interval of the mean of `sequences`; each value is the mean of a sequence's frames. `None` when there are none, or one is
@@ -53,7 +74,7 @@ pub fn bootstrap(sequences: &[f64]) -> Option<Interval> {
     let mut means: Vec<f64> = (0..RESAMPLES).map(|_| (0..count).map(|_| draw()).sum::<f64>() / count as f64).collect();
     means.sort_by(f64::total_cmp);
     let tail = 0.5 * (1.0 - CONFIDENCE);
-    let range = [tail, 1.0 - tail].map(|share| super::relmse::percentile(&means, share));
+    let range = [tail, 1.0 - tail].map(|share| mean + widened(count) * (super::relmse::percentile(&means, share) - mean));
     Some(Interval { mean, range: Some(range), sequences: count })
 }
 
