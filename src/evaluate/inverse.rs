@@ -34,8 +34,8 @@ Examples:
   renderflow evaluate inverse --buffers theirs/ --data sets -o results-theirs
 
 A folder of --buffers is laid out as `invert --data` writes it: SEQUENCE/frame.NUMBER.albedo.png (sRGB), .normal.png (0.5 + 0.5 n, camera
-space: x right, y up, z towards the camera), .depth.png (its logarithm, up to scale and shift), .material.png (roughness, metallic, and a
-third channel that is not read). What is missing is left out.")]
+space: x right, y up, z towards the camera), .depth.png (its logarithm, up to a scale above 0 and a shift), .material.png (roughness,
+metallic, and a third channel that is not read). What is missing is left out.")]
 pub struct Options {
     /// Weights of the inverse network, or of the paper's network with an inverse adapter; the file says which. Without it, the
     /// weights inside the program are used

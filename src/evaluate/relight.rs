@@ -128,10 +128,14 @@ impl Options {
         for test in &tests {
             let file = test.sequence.folder.join(SCENE);
             ensure!(file.is_file(), "{}: is missing; the scene is rendered under another light", file.display());
+            // The truth is rendered of frame 0, and must show what the picture shows.
+            let (folder, first) = (test.sequence.folder.display(), test.sequence.numbers.first());
+            ensure!(first == Some(&0), "{folder}: frame 0 is missing; it is the one that is inverted and rendered again");
         }
         let settings = TruthSettings::quiet(Settings { spp: self.spp, ..Settings::default() }, Denoise::Auto)?;
         let about = || About { about: "truth under another light".into(), turn: self.turn, spp: self.spp };
-        Claim::new(&self.out.join("truth"), RECORD, &about(), "pictures of another light")?.write()?;
+        let claim = Claim::new(&self.out.join("truth"), RECORD, &about(), "pictures of another light")?;
+        claim.write()?;
         let lpips = Networks::find()?;
         let mut tracer = Tracer { spp: self.spp, denoiser: Denoiser::with_options(denoise::Options::default()).ok(), cancel };
 
@@ -144,7 +148,8 @@ impl Options {
                 let Shown { pictures, truth, alpha } = Shown::new(&test.sequence, &turned, &network, &mut tracer)?;
                 let all = ROWS.iter().zip(&pictures).chain(std::iter::once((&"truth", &truth)));
                 let tiles: Vec<Tile> = all.map(|(name, picture)| Tile::new(*name, picture.clone())).collect();
-                let path = self.out.join(&name).with_extension("png");
+                // Not `with_extension`: names with points would lose what follows the last one, and two could become one.
+                let path = self.out.join(&test.set).join(&test.class).join(format!("{}.png", test.sequence.name));
                 std::fs::create_dir_all(path.parent().unwrap_or(&self.out))?;
                 file::write_atomic(&path, &picture::png(&sheet(&tiles, tiles.len()))?)?;
                 let measured = Truth::new(&truth, Some(&alpha), None, &lpips)?;

@@ -36,7 +36,7 @@ const fn column(id: &'static str, name: &'static str, digits: usize) -> Column {
 /// Everything that [`measure`] computes.
 pub const COLUMNS: [Column; 10] = [
     column("albedo_psnr", "albedo, PSNR of sRGB values (dB)", 2),
-    column("albedo_psnr_scaled", "albedo, PSNR after the best factor for each channel (dB)", 2),
+    column("albedo_psnr_scaled", "albedo, PSNR after the least-squares factor of each linear channel (dB)", 2),
     column("albedo_lpips", "albedo, LPIPS (AlexNet) with the true picture where nothing is seen", 3),
     column("normal_mean", "normals, mean angle (degrees)", 1),
     column("normal_median", "normals, median angle (degrees)", 1),
@@ -142,8 +142,8 @@ impl Finite for [f32; 3] {
     }
 }
 
-/// The albedo after scaling each linear channel to come as near to the truth as possible: a picture alone cannot separate base
-/// colour from the colour of the light.
+/// The albedo after scaling each linear channel to come as near to the truth as possible (least squares of linear values): a
+/// picture alone cannot separate base colour from the colour of the light. As PSNR is of sRGB values, it may fall a little.
 fn scaled(found: &Rgb, truth: &Rgb, mask: &Image<f32>) -> Rgb {
     let linear = |p: &[f32; 3], c: usize| f64::from(color::srgb_to_linear(p[c].clamp(0.0, 1.0)));
     let factors = [0, 1, 2].map(|c| {
@@ -169,7 +169,8 @@ fn angles(found: &Rgb, truth: &Rgb, mask: &Image<f32>) -> Vec<f64> {
         .collect()
 }
 
-/// Quotients of recovered and true depths, after the scale and shift of the logarithm that fit best (least squares).
+/// Quotients of recovered and true depths, after the scale and shift of the logarithm that fit best (least squares). The scale is
+/// never below 0: what is farther must not count as nearer.
 fn quotients(found: &Image<f32>, truth: &Image<f32>, mask: &Image<f32>) -> Vec<f64> {
     let seen = found.pixels.iter().zip(&truth.pixels).zip(&mask.pixels).filter(|(_, m)| **m > 0.0);
     let pairs: Vec<[f64; 2]> = seen.map(|((a, b), _)| [f64::from(*a), f64::from(*b)]).collect();
@@ -180,7 +181,7 @@ fn quotients(found: &Image<f32>, truth: &Image<f32>, mask: &Image<f32>) -> Vec<f
         (cross + d * (p[1] - b), square + d * d)
     });
     // A constant says nothing about the scale; the mean is left.
-    let scale = if square > 1e-12 * count { cross / square } else { 0.0 };
+    let scale = if square > 1e-12 * count { (cross / square).max(0.0) } else { 0.0 };
     // Clamped to the range of single precision, whatever the outliers.
     pairs.iter().map(|p| (scale * (p[0] - a) + b - p[1]).clamp(-80.0, 80.0).exp()).collect()
 }
@@ -271,6 +272,9 @@ mod tests {
         let errors = measured(&found);
         near(errors["depth_relative"], relative, 1e-5);
         near(errors["depth_close"], 2.0 / 12.0, 1e-9);
+        // Depth that is inside out says no more than a constant one.
+        found.depth = truth().depth.map(|depth| depth.map(|d| -d));
+        near(measured(&found)["depth_relative"], relative, 1e-5);
         // A normal of length 0 is a right angle off.
         found.normal.as_mut().unwrap().pixels[0] = [0.0; 3];
         near(measured(&found)["normal_mean"], (11.0 * 20.0 + 90.0) / 12.0, 1e-3);

@@ -19,9 +19,9 @@ pub fn psnr_masked(a: &Rgb, b: &Rgb, mask: &Image<f32>) -> Option<f64> {
     Some(decibel(inside().map(|(_, (a, b))| squared_error(a, b))))
 }
 
-/// `psnr` dB, at most [`CAP`]: what is stored and what means are made of.
+/// `psnr` dB, at most [`CAP`]: what is stored and what means are made of. NaN stays NaN: it is no sign of equal pictures.
 pub fn capped(psnr: f64) -> f64 {
-    psnr.min(CAP)
+    psnr.clamp(f64::NEG_INFINITY, CAP)
 }
 
 fn squared_error(a: &[f32; 3], b: &[f32; 3]) -> f64 {
@@ -31,4 +31,17 @@ fn squared_error(a: &[f32; 3], b: &[f32; 3]) -> f64 {
 fn decibel(errors: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = errors.fold((0.0, 0usize), |(sum, count), e| (sum + e, count + 1));
     -10.0 * (sum / count.max(1) as f64).log10()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_broken_picture_is_not_equal_to_its_truth() {
+        assert_eq!([capped(f64::INFINITY), capped(31.5), capped(f64::NEG_INFINITY)], [CAP, 31.5, f64::NEG_INFINITY]);
+        let (truth, mut broken) = (Rgb::filled(4, 4, [0.5; 3]), Rgb::filled(4, 4, [0.5; 3]));
+        broken.pixels[5][1] = f32::NAN;
+        assert!(capped(psnr(&broken, &truth)).is_nan());
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::View;
 use super::html;
-use super::style::{NONE, direction, name, seconds};
+use super::style::{NONE, better, name, seconds};
 use super::table::{self, Filter, Row};
 use crate::evaluate::results::Group;
 use crate::metrics::Metric;
@@ -44,7 +44,8 @@ pub fn section(view: &View, set: &str) -> String {
     }
     let mut heads = vec![("method".to_owned(), "A baseline, then the same with a part switched".to_owned())];
     let change = "below it the change from the baseline, on the same sequences; sorts by the change";
-    heads.extend(columns.iter().map(|column| (column.label.to_owned(), format!("{}; {change}", direction(column)))));
+    let meaning = |column: &Metric| format!("{}; {change}; {}", column.meaning, better(column));
+    heads.extend(columns.iter().map(|column| (column.label.to_owned(), meaning(column))));
     heads.push(("s/frame".into(), "Median wall seconds of a sequence's frames, mean over sequences; less is better".into()));
     format!(
         "<h3>What parts are worth</h3>\n<p>Below a mean its change from the baseline the row was taken from, over the same sequences, with \

@@ -93,8 +93,8 @@ fn set_section(view: &View, set: &str) -> Result<String> {
     let (sequences, frames) = table::extent(&view.means, filter);
     let rows = view.means.rows(Filter { without_ablations: true, without_budgets: true, ..filter });
     let mut out = format!(
-        "<p>{}, {}: those that are no keyframes, the same for all methods. Below a mean its 95 % bootstrap interval over sequences. \
-         Click a heading to sort.</p>\n",
+        "<p>{}, {}: those that are no keyframes (all, where every frame of a sequence is one), the same for all \
+         methods. Below a mean its 95 % bootstrap interval over sequences. Click a heading to sort.</p>\n",
         table::plural(sequences, "sequence"),
         table::plural(frames, "frame")
     );

@@ -159,14 +159,17 @@ impl Axis {
     }
 }
 
-/// The value of a tick, without digits that it does not have.
+/// The value of a tick, with all digits that it has: ticks may lie half a step of the last digit apart.
 pub fn tick(value: f64) -> String {
-    if value != 0.0 && !(1e-4..1e5).contains(&value.abs()) {
-        return format!("{value:.0e}");
+    // Ten digits hide what rounding adds, as in 3 times 0.1.
+    let value = format!("{value:.9e}").parse().unwrap_or(value);
+    if value == 0.0 {
+        "0".into()
+    } else if (1e-4..1e5).contains(&value.abs()) {
+        format!("{value}")
+    } else {
+        format!("{value:e}")
     }
-    let text = format!("{value:.4}");
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" { "0".into() } else { text.into() }
 }
 
 /// Width of a text in pixels.
@@ -387,6 +390,16 @@ mod tests {
             assert!(axis.at(3.0).is_some() && !axis.ticks().is_empty() && axis.ticks().len() < 15, "{none:?}");
         }
         assert_eq!([tick(2e-7), tick(1e6), tick(0.05), tick(-0.0), tick(25.0)], ["2e-7", "1e6", "0.05", "0", "25"]);
+        // Neighbours have labels of their own, which say where they are.
+        for (low, high, expected) in [
+            (0.0, 250_000.0, "0 50000 1e5 1.5e5 2e5 2.5e5"),
+            (3e-4, 5e-4, "0.0003 0.00035 0.0004 0.00045 0.0005"),
+            (2e-5, 4e-5, "2e-5 2.5e-5 3e-5 3.5e-5 4e-5"),
+            (0.0, 0.6, "0 0.2 0.4 0.6"),
+        ] {
+            let axis = Axis::new([low, high].into_iter(), Scale::Linear, 0.0, 1.0);
+            assert_eq!(axis.ticks().into_iter().map(tick).collect::<Vec<_>>().join(" "), expected);
+        }
     }
 
     #[test]

@@ -111,5 +111,10 @@ pub fn main_table(palette: &Palette, caption: &str, rows: &[Row], of: usize) -> 
 
 /// The meaning of a metric, and which direction is better.
 pub fn direction(metric: &Metric) -> String {
-    format!("{}; {}", metric.meaning, if metric.rising { html::MORE } else { "less is better" })
+    format!("{}; {}", metric.meaning, better(metric))
+}
+
+/// Which direction is better.
+pub fn better(metric: &Metric) -> &'static str {
+    if metric.rising { html::MORE } else { "less is better" }
 }

@@ -224,7 +224,7 @@ pub fn number(metric: &Metric, value: f64) -> String {
     if value.abs() >= 1e5 { format!("{value:.2e}") } else { format!("{value:.digits$}") }
 }
 
-/// Seconds with three significant digits, down to a microsecond.
+/// Seconds with three digits that count, but no more than four behind the point.
 pub fn seconds(value: f64) -> String {
     let digits = if value >= 100.0 {
         0

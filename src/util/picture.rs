@@ -43,17 +43,29 @@ pub fn id_color(id: u32) -> [u8; 3] {
 /// The picture with at most `most` pixels along its longer side; smaller ones stay as they are.
 pub fn reduced(picture: &Rgb, most: usize) -> Rgb {
     let longer = picture.width.max(picture.height);
-    let values = picture.pixels.as_flattened().to_vec();
-    let buffer = image::Rgb32FImage::from_raw(picture.width as u32, picture.height as u32, values);
-    match buffer {
-        Some(buffer) if longer > most => {
-            let side = |pixels: usize| ((pixels * most) as f64 / longer as f64).round().max(1.0) as u32;
-            let small = image::imageops::thumbnail(&buffer, side(picture.width), side(picture.height));
-            let (width, height) = (small.width() as usize, small.height() as usize);
-            Rgb { width, height, pixels: small.pixels().map(|p| p.0).collect() }
-        }
-        _ => picture.clone(),
+    if longer <= most {
+        return picture.clone();
     }
+    let side = |pixels: usize| ((pixels * most) as f64 / longer as f64).round().max(1.0) as usize;
+    let (width, height) = (side(picture.width), side(picture.height));
+    // The thumbnails of `image` add one half to pictures of floats.
+    Rgb::from_fn(width, height, |x, y| {
+        let mut mean = [0.0; 3];
+        for (row, high) in shares(y, picture.height, height) {
+            for (column, wide) in shares(x, picture.width, width) {
+                mean.iter_mut().zip(picture.at(column, row)).for_each(|(mean, value)| *mean += high * wide * value);
+            }
+        }
+        mean
+    })
+}
+
+/// The pixels that lie below pixel `at` when a line of `from` pixels becomes one of `to`, each with its share of that pixel.
+fn shares(at: usize, from: usize, to: usize) -> impl Iterator<Item = (usize, f32)> {
+    // In units of which a pixel of the long line has `to` and one of the short line `from`.
+    let (start, end) = (at * from, (at + 1) * from);
+    let share = move |i: usize| (i, (end.min((i + 1) * to) - start.max(i * to)) as f32 / from as f32);
+    (start / to..end.div_ceil(to)).map(share)
 }
 
 /// An endless GIF of pictures of equal size, each shown for this many milliseconds. The bytes depend on the pictures alone.
@@ -228,6 +240,21 @@ mod tests {
         for id in 0..64 {
             assert!(apart(id_color(id), id_color(id + 1)) > 60, "{id}");
         }
+    }
+
+    #[test]
+    fn a_smaller_picture_has_the_same_colours() {
+        let near = |a: &Rgb, b: [f32; 3]| a.pixels.iter().all(|p| p.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5));
+        for (width, height, size) in [(512, 3, (480, 3)), (481, 7, (480, 7)), (5, 4000, (1, 480)), (960, 480, (480, 240))] {
+            let small = reduced(&Image::filled(width, height, [0.0, 0.25, 1.0]), 480);
+            assert_eq!((small.width, small.height), size);
+            assert!(near(&small, [0.0, 0.25, 1.0]), "{width} x {height}: {:?}", small.pixels[0]);
+        }
+        // Three pixels become two: each has one of them and half of the middle one.
+        let line = Image::from_fn(3, 1, |x, _| [[0.0; 3], [0.3; 3], [0.9; 3]][x]);
+        let small = reduced(&line, 2);
+        assert!((small.pixels[0][0] - 0.1).abs() < 1e-6 && (small.pixels[1][0] - 0.7).abs() < 1e-6, "{small:?}");
+        assert_eq!(reduced(&line, 3), line);
     }
 
     /// A JPEG of a camera that was held upright says that its rows are columns.

@@ -177,10 +177,18 @@ fn text_width(text: &str) -> usize {
     text.chars().count() * get_raster_width(FontWeight::Regular, RasterHeight::Size16)
 }
 
+/// The beginning of `text` that fits into `letters`. Dots say that something is left out, since half a number is another number.
+fn fitting(text: &str, letters: usize) -> String {
+    if text.chars().count() <= letters {
+        return text.to_owned();
+    }
+    text.chars().take(letters.saturating_sub(2)).chain("..".chars()).take(letters).collect()
+}
+
 /// Writes as much of `text` as fits into `wide` columns; letters beyond ASCII become question marks.
 fn write(sheet: &mut Rgb, left: usize, top: usize, wide: usize, text: &str) {
     let letter = get_raster_width(FontWeight::Regular, RasterHeight::Size16);
-    for (number, character) in text.chars().take(wide / letter).enumerate() {
+    for (number, character) in fitting(text, wide / letter).chars().enumerate() {
         let glyph = |c| get_raster(c, FontWeight::Regular, RasterHeight::Size16);
         let Some(glyph) = glyph(character).or_else(|| glyph('?')) else { continue };
         for (y, row) in glyph.rows().enumerate() {
@@ -214,6 +222,13 @@ mod tests {
         let dark = |sheet: &Rgb| sheet.pixels.iter().filter(|p| p[0] < 0.4 && p[0] == p[1]).count();
         let unnamed = [Tile::new("", grey.clone()), Tile::new("", grey)];
         assert!(dark(&made) > 50 && dark(&sheet(&unnamed, 4)) == 0);
+    }
+
+    #[test]
+    fn what_is_left_out_of_a_name_is_marked() {
+        let names = ["neural, 23.45 dB", "neural, 123.4 dB, 5"].map(|name| fitting(name, 16));
+        assert_eq!(names, ["neural, 23.45 dB", "neural, 123.4 .."]);
+        assert_eq!([0, 1, 2, 3].map(|letters| fitting("path", letters)), ["", ".", "..", "p.."]);
     }
 
     #[test]

@@ -212,6 +212,10 @@ fn pages_hold_what_they_must_and_ask_for_nothing() {
     assert!(before.contains("path tracing, <em>Neural</em> is best") && before.contains("<em>Warped</em> scores"), "{before}");
     // The first click on PSNR puts the best on top; on seconds too.
     assert!(index.contains("data-first=\"descending\"><button type=\"button\" title=\"") && index.contains("less is better\">"));
+    // So does the first click where changes are sorted.
+    let changes = index.split("What parts are worth").nth(1).unwrap();
+    assert!(changes.contains("data-first=\"descending\"><button type=\"button\" title=\"dB over pixels"));
+    assert!(changes.contains("sorts by the change; more is better\""));
     let page = &pages["synthetic-open-first.html"];
     // Both halves of the picture carry their names.
     assert!(page.contains("id=\"left-name\"") && page.contains("id=\"right-name\""));

@@ -98,8 +98,24 @@ pub fn round_trip(
         let reason = format!("no {frames} frames in a row in any clip");
         return Err(crate::Error::Data { place: "clips".into(), reason });
     }
-    let psnr = |row: usize| sums.iter().map(|s| (-10.0 * (s[row] / count).max(1e-10).log10()) as f32).collect();
+    let psnr = |row: usize| sums.iter().map(|s| decibel(s[row] / count)).collect();
     let rows = Kind::ALL.map(Measured::Kind).into_iter().chain([Measured::Change, Measured::Deferred]);
     let measured = if with_deferred { KINDS + 2 } else { KINDS };
     Ok(rows.take(measured).enumerate().map(|(row, of)| RoundTrip { of, psnr: psnr(row) }).collect())
+}
+
+/// PSNR in dB of a mean squared error, at most 100. NaN stays NaN: the larger of NaN and a number is the number.
+fn decibel(error: f64) -> f32 {
+    (-10.0 * error.clamp(1e-10, f64::INFINITY).log10()) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::decibel;
+
+    #[test]
+    fn a_broken_picture_is_not_perfect() {
+        assert_eq!([decibel(0.01), decibel(0.0)], [20.0, 100.0]);
+        assert!(decibel(f64::NAN).is_nan());
+    }
 }
