@@ -4,6 +4,7 @@
 //! The page and the program speak over a WebSocket. [`state`] has the messages, [`server`] the connection, [`stage`] the scene
 //! and its pictures, and [`session`] decides what is rendered next.
 
+mod camera;
 mod changes;
 mod inbox;
 mod method;

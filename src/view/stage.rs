@@ -1,8 +1,9 @@
 //! The scene of the viewer, and one picture of it at a time.
 
+use super::camera;
 use super::changes::{changed, values, written};
 use super::method::Method;
-use super::state::{Choice, Hello, MaterialValues, Parameter, State, Value, Viewpoint, fitting};
+use super::state::{Choice, Hello, MaterialValues, Parameter, State, Value, fitting};
 use crate::dataset::job::clean::{denoise, fuse};
 use crate::dataset::shading::BUFFERS;
 use crate::util::cancel::Cancel;
@@ -15,7 +16,7 @@ use renderflow_renderer::deferred::{self, Deferred, LIGHTS, Lighting, ShadowTile
 use renderflow_renderer::denoise::{self as oidn, Denoiser, Quality};
 use renderflow_renderer::film::Film;
 use renderflow_renderer::{Channels, RenderScene, Settings, expose, render, render_gbuffer_until};
-use renderflow_scenes::description::{CameraPath, Pose, Scene};
+use renderflow_scenes::description::Scene;
 use renderflow_scenes::{LoadedScene, Principled};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -177,7 +178,8 @@ impl Stage {
         if self.scale != scale {
             self.scale = scale;
             let [width, height] = self.state.resolution.map(|side| side.div_ceil(scale));
-            self.scene.look_with(self.path().at_from(0, [width, height], self.origin));
+            let camera = camera::shown(&self.description, &self.state);
+            self.scene.look_with(camera.at_from(0, [width, height], self.origin));
             (self.gbuffer, self.shaded, self.film) = (None, None, None);
         }
     }
@@ -348,21 +350,15 @@ impl Stage {
         Ok((id as usize).checked_sub(1))
     }
 
-    /// The camera of the state as a path.
-    fn path(&self) -> CameraPath {
-        let Viewpoint { eye, target, up, vertical_fov } = self.state.camera;
-        CameraPath::Poses { poses: vec![Pose { eye, target, up }], vertical_fov }
-    }
-
     /// The scene and the camera of the state, as JSON files; and what the scene cannot say.
     ///
     /// # Errors
     /// Never with a state that was applied.
     pub fn files(&self) -> Result<([String; 2], Vec<String>)> {
         let mut scene = self.description.clone();
-        scene.camera = self.path();
+        scene.camera = camera::saved(&scene, &self.state);
         scene.environment.rotation = self.state.rotation;
-        scene.resolution = self.state.resolution;
+        scene.resolution = camera::resolution(&scene, &self.state);
         let mut notes = Vec::new();
         for (number, changes) in &self.state.materials {
             let Some((name, ..)) = self.materials.get(*number) else { continue };
@@ -382,15 +378,14 @@ impl Stage {
 const GUIDED: Channels = Channels { guides: true, ..Channels::BEAUTY };
 
 /// The state in which a scene is opened.
-fn home(description: &Scene) -> State {
-    let (Pose { eye, target, up }, vertical_fov) = description.camera.pose(0);
+pub fn home(description: &Scene) -> State {
     State {
         id: 0,
         moving: false,
         left: Method::Neural,
         right: Method::Denoised,
         split: true,
-        camera: Viewpoint { eye, target, up, vertical_fov },
+        camera: camera::viewpoint(description),
         frame: 0,
         rotation: description.environment.rotation,
         rays: 2,
@@ -404,6 +399,7 @@ mod tests {
     use super::*;
     use crate::dataset::source::SceneSource;
     use renderflow_renderer::Settings;
+    use renderflow_scenes::description::CameraPath;
     use renderflow_scenes::load;
 
     fn stage(frames: u32) -> Stage {

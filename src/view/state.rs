@@ -1,5 +1,6 @@
 //! What the page and the program say to each other. All text messages are JSON; their `type` tells which one it is.
 
+use super::camera;
 use super::method::{Method, Side};
 use anyhow::ensure;
 use serde::de::Error;
@@ -133,7 +134,7 @@ impl State {
         let finite = eye.iter().chain(target).all(|v| v.is_finite() && v.abs() < 1e9) && up.iter().all(|v| v.is_finite());
         ensure!(finite, "the camera is at no place of this world");
         ensure!(eye != target, "the camera is where it looks");
-        ensure!((1.0..=170.0).contains(&self.camera.vertical_fov), "a field of view of {} degrees", self.camera.vertical_fov);
+        ensure!(camera::FIELDS.contains(&self.camera.vertical_fov), "a field of view of {} degrees", self.camera.vertical_fov);
         ensure!(self.rotation.is_finite() && self.rotation.abs() < 1e6, "a rotation of {} degrees", self.rotation);
         ensure!(self.resolution.iter().all(|side| SIZE.contains(side)), "a picture of {:?} pixels", self.resolution);
         ensure!(RAYS.contains(&self.rays), "{} samples", self.rays);
