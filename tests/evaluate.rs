@@ -233,6 +233,14 @@ fn the_network_renders_sequences_from_their_scenes() {
     std::fs::remove_file(&around).unwrap();
     assert!(run("around", "1", forms[3].1).status.success());
     assert!(std::fs::read(&around).unwrap() == before);
+    // So do other weights inside the program.
+    let (record, inside) = (folder.path().join("plain/infer.json"), "/model/weights/fusion.safetensors");
+    let weights = std::fs::read(format!("{}{inside}", env!("CARGO_MANIFEST_DIR"))).unwrap();
+    let (told, digest) = (std::fs::read_to_string(&record).unwrap(), blake3::hash(&weights).to_hex().to_string());
+    assert!(told.contains(&digest), "{told}");
+    std::fs::write(&record, told.replace(&digest, &blake3::hash(b"other").to_hex())).unwrap();
+    assert!(common::stderr(&run("plain", "1", &[])).contains("other weights or options"));
+    std::fs::write(&record, told).unwrap();
     // Another number of samples makes other pictures.
     assert!(common::stderr(&run("traced", "1", &["--rays", "3"])).contains("other weights or options"));
     assert!(common::stderr(&run("none", "1", &["--stills"])).contains("--stills: is for"));
@@ -375,6 +383,9 @@ fn anybodys_pictures_are_compared_by_name_or_number() {
     let exact_root = folder.path().join("exact");
     assert!(compare(&exact_root, &truth, &[]).status.success());
     assert!(values("psnr_full") == [100.0; 5] && values("rel_mse") == [0.0; 5]);
+    // A dataset says its own exposure.
+    let other = compare(&exact_root, &truth, &["--exposure", "2"]);
+    assert!(!results.exists() && common::stderr(&other).contains("leave out --exposure"), "{}", common::stderr(&other));
     // A picture in two forms: radiance is compared, and it is said.
     for number in 0..5 {
         image::RgbImage::new(48, 48).save(exact.join(format!("frame.{number:04}.png"))).unwrap();
@@ -395,6 +406,9 @@ fn anybodys_pictures_are_compared_by_name_or_number() {
     assert!(values("rel_mse") == [0.0; 5]);
     assert!(compare(&numbered, &exact, &[]).status.success());
     assert!(values("psnr_full") == [100.0; 5] && values("rel_mse") == [0.0; 5]);
+    // Which say none, so it can be given.
+    assert!(compare(&numbered, &exact, &["--exposure", "2"]).status.success());
+    assert_eq!(Results::read(&results).unwrap().sequences[0].about.exposure, 2.0);
     // Plain pictures against plain pictures.
     let (a, b) = (folder.path().join("a"), folder.path().join("b"));
     write_pngs(&sequence, &a, |number| format!("{number}.png"));

@@ -71,13 +71,16 @@ fn pictures_are_inverted_without_any_file() {
     let said = fail(&["invert", damaged, "--out", text(&nothing)]);
     assert!(said.contains("one_component_of_three.jpg: damaged image data") && !said.contains("panicked"), "{said}");
 
-    // The weights inside the program are those of the file.
+    // The weights inside the program are those of the file, and are recorded alike.
     let same = folder.path().join("same");
     succeed(&["invert", text(&photos), "--exr", "--weights", inside, "--out", text(&same)]);
-    let without_record = |folder: &Path| -> Vec<(String, Vec<u8>)> {
-        files(folder).into_iter().filter(|(name, _)| name != "invert.json").collect()
-    };
-    assert!(without_record(&same) == without_record(&out));
+    assert!(files(&same) == files(&out));
+    // A program with other weights does not go on.
+    let record = out.join("invert.json");
+    let (told, digest) = (std::fs::read_to_string(&record).unwrap(), blake3::hash(&std::fs::read(inside).unwrap()).to_hex());
+    assert!(told.contains(digest.as_str()), "{told}");
+    std::fs::write(&record, told.replace(digest.as_str(), &blake3::hash(b"other").to_hex())).unwrap();
+    assert!(fail(&invert).contains("other weights or options"));
 }
 
 /// A plan is rendered, a network learns from it, and its weights are used, measured and described.
@@ -189,6 +192,10 @@ fn buffers_are_shown_under_another_light() {
     let sizes = ["--sequences", "2", "--frames", "2", "--resolution", "64", "--spp", "16", "--seed", "8", "--split", "test"];
     succeed(&[&["dataset", "plan", "--denoise", "none", "--out", text(&plan)][..], &sizes].concat());
     succeed(&["dataset", "render", "--plan", text(&plan), "--out", text(&data)]);
+    // Names with points are kept whole.
+    for (number, name) in ["seq.a", "seq.b"].into_iter().enumerate() {
+        std::fs::rename(data.join(format!("test/seq-00000{number}")), data.join("test").join(name)).unwrap();
+    }
     let relight = |turn: &str, out: &Path| -> Value {
         let sizes = ["--turn", turn, "--spp", "16"];
         succeed(&[&["evaluate", "relight", "--data", text(&data), "--out", text(out)][..], &sizes].concat());
@@ -215,6 +222,10 @@ fn buffers_are_shown_under_another_light() {
     }
     let truth = |set: &str| files(&path(set).join("truth"));
     assert!(truth("still") != truth("turned"));
+    let sheets = files(&path("still")).into_iter().map(|(name, _)| name).filter(|name| name.ends_with(".png"));
+    let mut sheets: Vec<String> = sheets.filter_map(|name| Some(name.rsplit(['/', '\\']).next()?.to_owned())).collect();
+    sheets.sort();
+    assert_eq!(sheets, ["seq.a.png", "seq.b.png"]);
 
     // The truth is read where it is there, and a folder of another angle is not mixed in.
     let before = truth("turned");
@@ -223,6 +234,14 @@ fn buffers_are_shown_under_another_light() {
     let said =
         fail(&["evaluate", "relight", "--data", text(&data), "--turn", "60", "--spp", "16", "--out", text(&path("turned"))]);
     assert!(said.contains("pictures of another light"), "{said}");
+    // The truth is rendered of frame 0. A sequence that begins later shows something else.
+    let transforms = data.join("test/seq.b/transforms.json");
+    let mut value: Value = serde_json::from_slice(&std::fs::read(&transforms).unwrap()).unwrap();
+    value["frames"].as_array_mut().unwrap().remove(0);
+    value["keyframes"] = json!([]);
+    std::fs::write(&transforms, value.to_string()).unwrap();
+    let said = fail(&["evaluate", "relight", "--data", text(&data), "--out", text(&path("late"))]);
+    assert!(said.contains("seq.b: frame 0 is missing") && !path("late").exists(), "{said}");
     for name in files(&data).into_iter().map(|(name, _)| name).filter(|name| name.ends_with("scene.json")) {
         std::fs::remove_file(data.join(name)).unwrap();
     }

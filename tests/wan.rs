@@ -278,6 +278,7 @@ fn the_autoencoder_is_measured(folder: &Path, data: &Path, weights: &Weights) {
     let [still, clip] = [0, 1].map(|i| sets[0]["kinds"]["albedo"][i].as_array().unwrap());
     // The first frame of a clip is a picture by itself.
     assert!((still.len(), clip.len()) == (1, 5) && still[0] == clip[0] && clip[0] != clip[1], "{still:?} {clip:?}");
+    let out = folder.join("measured-change");
     let more = ["--vae", text(&weights.vae), "--data", text(data), "--deferred", "--json", "--out", text(&out)];
     let sets: Value = serde_json::from_str(&succeed(&[&["evaluate", "autoencoder"][..], &more].concat())).unwrap();
     // The change from deferred shading loses less than the picture.
@@ -314,11 +315,12 @@ fn recovered_buffers_are_measured(folder: &Path, data: &Path, Weights { vae, key
         let [a, b] = [network, &rows[0]].map(|row| mean(row, id));
         assert!((a - b).abs() < within && a != mean(start, id), "{id}: {a} and {b}");
     }
-    let evaluate = ["evaluate", "inverse", "--data", text(data), "--out", text(&out)];
+    let none = folder.join("measured-nothing");
+    let evaluate = ["evaluate", "inverse", "--data", text(data), "--out", text(&none)];
     let said = fail(&[&evaluate[..], &["--weights", text(keys), "--vae", text(vae)]].concat());
     assert!(said.contains("no inverse adapter"), "{said}");
     let said = fail(&[&evaluate[..], &["--buffers", text(folder)]].concat());
-    assert!(said.contains("no buffers of any frame"), "{said}");
+    assert!(said.contains("no buffers of any frame") && !none.exists(), "{said}");
 }
 
 /// A network that has learnt next to nothing returns deferred shading: in an evaluation and in files, stopped or not.

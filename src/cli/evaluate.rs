@@ -26,7 +26,8 @@ const HELP_OF_FOLDERS: &str = "\
 With two folders, the pictures in the first (PNG: display values; EXR, HDR: scene-linear radiance) are compared with those in the
 second: a dataset, a test set, or plain pictures. A picture belongs to the truth of the same path, endings apart, else to that of the
 same folder whose name ends in the same number; where one is there in several forms, the EXR or else the HDR file is taken. Radiance
-becomes sRGB(clamp(exposure x radiance)); datasets say their exposure. Pictures are compared again each time.
+becomes sRGB(clamp(exposure x radiance)); datasets say their exposure, and --exposure is that of plain pictures. Pictures are compared
+again each time.
 
 Methods: sequences that are complete in the results folder are kept, unless their data changed, so the same command goes on where it
 was stopped. Results of sequences that the last command did not ask for stay in the folder and do not count.";
@@ -103,9 +104,10 @@ struct Pictures {
     /// Name of the pictures in tables
     #[arg(long, default_value = "pictures", requires = "pictures", help_heading = "Input")]
     label: String,
-    /// Factor from radiance to display-linear, for truth that is not a dataset
-    #[arg(long, default_value_t = 1.0, requires = "pictures", help_heading = "Input")]
-    exposure: f32,
+    /// Factor from radiance to display-linear for truth that is not a dataset, 1 by default. A dataset has its own and takes no
+    /// other
+    #[arg(long, requires = "pictures", help_heading = "Input")]
+    exposure: Option<f32>,
     /// Compare the pictures that are there, instead of failing when some are missing
     #[arg(long, requires = "pictures", help_heading = "Input")]
     partial: bool,

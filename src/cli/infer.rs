@@ -14,7 +14,7 @@ use crate::util::ranges::within;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Args;
 use renderflow_frame::{color, exr, file, reach};
-use renderflow_model::fusion::Fusion;
+use renderflow_model::fusion::{Fusion, FusionNet};
 use renderflow_model::renderer::{Options, Rendered, Renderer, Session, State, View};
 use renderflow_renderer::Settings;
 use renderflow_renderer::denoise::Denoiser;
@@ -77,7 +77,7 @@ pub struct Infer {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Record {
     network: String,
-    /// BLAKE3 of the weights files; empty for the weights inside the program.
+    /// BLAKE3 of the weights, which are in files or inside the program. Older programs recorded none of those inside them.
     weights: Vec<String>,
     header: String,
     keyframes: bool,
@@ -177,7 +177,7 @@ impl Infer {
         let methods = [Method::parse(&id)?];
         let record = Record {
             network: "fusion".into(),
-            weights: self.weights.digests()?,
+            weights: self.weights.digests::<FusionNet>()?,
             header: serde_json::to_string(fusion.header())?,
             keyframes: self.keyframes,
             steps: 1,
@@ -231,7 +231,7 @@ impl Infer {
         ensure!(!self.keyframes || about.keyframes, "--keyframes: this network does not read keyframes");
         let record = Record {
             network: about.name.into(),
-            weights: self.weights.digests()?,
+            weights: self.weights.digests::<FusionNet>()?,
             header: about.header,
             keyframes: self.keyframes,
             steps: self.steps,

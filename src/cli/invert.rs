@@ -13,6 +13,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{color, file, hdr};
+use renderflow_model::inverse::InverseNet;
 use renderflow_model::wan::flow::Intrinsic;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -73,6 +74,7 @@ pub struct Invert {
 /// What decides the pictures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Record {
+    /// BLAKE3 of the weights, which are in files or inside the program. Older programs recorded none of those inside them.
     weights: Vec<String>,
     only: Vec<Intrinsic>,
     clip: u32,
@@ -141,7 +143,7 @@ impl Invert {
 
     fn claim(&self, only: &[Intrinsic], data: Data) -> Result<Claim> {
         let record = Record {
-            weights: self.weights.digests()?,
+            weights: self.weights.digests::<InverseNet>()?,
             tile: self.weights.tile,
             device: device::recorded(&self.weights.device.get()?),
             only: only.to_vec(),

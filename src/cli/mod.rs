@@ -241,12 +241,17 @@ impl WeightsArgs {
         Ok(wan::open(weights, Autoencoder { file: self.vae.as_deref(), tile: self.tile }, device)?)
     }
 
-    /// BLAKE3 of every weights file; empty for the weights inside the program.
-    fn digests(&self) -> Result<Vec<String>> {
-        let Some(path) = &self.weights else { return Ok(Vec::new()) };
+    /// BLAKE3 of every weights file; without one, of the weights of `N` inside the program.
+    fn digests<N: Described>(&self) -> Result<Vec<String>> {
+        let Some(path) = &self.weights else { return Ok(inside::<N>().into_iter().collect()) };
         let wan = WanRenderer::recognises(path).then(|| autoencoder(self.vae.as_deref(), path));
         std::iter::once(path).chain(&wan).map(|path| files::hash(path)).collect()
     }
+}
+
+/// BLAKE3 of the weights of a network inside the program.
+fn inside<N: Described>() -> Option<String> {
+    N::shipped().map(|bytes| blake3::hash(bytes).to_hex().to_string())
 }
 
 /// The file of the autoencoder of the paper's network in the file `weights`: the one that is named, or the one beside it.
@@ -314,8 +319,8 @@ impl AllWeightsArgs {
             networks.fusion = Some(fusion(None, &networks.device)?);
         }
         if networks.fusion.is_some() {
-            let inside = || FusionNet::shipped().map(|bytes| blake3::hash(bytes).to_hex().to_string());
-            networks.digests.extend(fusion_digest.or_else(inside).map(|digest| (FUSION_DIGEST, digest)));
+            let digest = fusion_digest.or_else(inside::<FusionNet>);
+            networks.digests.extend(digest.map(|digest| (FUSION_DIGEST, digest)));
         }
         if methods.iter().any(Method::is_wan) {
             networks.digests.extend(wan_digests);

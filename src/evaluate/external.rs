@@ -32,8 +32,8 @@ pub struct Options<'a> {
     pub lpips: &'a Networks,
     /// Name of the method in tables.
     pub label: String,
-    /// Factor from radiance to display-linear, for truth that is not a dataset and so has no exposure of its own.
-    pub exposure: f32,
+    /// Factor from radiance to display-linear, for truth that is not a dataset and so has no exposure of its own; `None` for 1.
+    pub exposure: Option<f32>,
     /// Leaves out truth without a picture, instead of failing.
     pub partial: bool,
     /// Number of frames in each sequence whose pictures are stored.
@@ -92,7 +92,7 @@ impl TruthFolder {
 ///
 /// # Errors
 /// When a picture is missing (unless `partial`), cannot be read, or differs in size; all missing ones are counted, the first
-/// named.
+/// named. When an exposure is given for a dataset.
 pub fn run(
     predictions: &Path,
     truth: &Path,
@@ -101,7 +101,6 @@ pub fn run(
     progress: &Progress,
     cancel: &Cancel,
 ) -> Result<usize> {
-    ensure!(options.exposure.is_finite() && options.exposure > 0.0, "the exposure {} is not a positive number", options.exposure);
     let folders = folders(truth, options.exposure)?;
     let pairs = matched(predictions, &folders, options.partial)?;
     let method = MethodInfo::new("pictures".into(), options.label.clone(), Group::Other);
@@ -121,7 +120,7 @@ pub fn run(
         settings: vec![
             ("pictures".into(), predictions.display().to_string()),
             ("truth".into(), truth.display().to_string()),
-            ("exposure where the truth has none".into(), options.exposure.to_string()),
+            ("exposure where the truth has none".into(), options.exposure.unwrap_or(1.0).to_string()),
         ],
         sequences: Some(asked.clone()),
     };
@@ -152,9 +151,12 @@ pub fn run(
     Ok(compared)
 }
 
-/// Finds the truth: sequences, or folders of plain pictures.
-fn folders(truth: &Path, exposure: f32) -> Result<Vec<TruthFolder>> {
+/// Finds the truth: sequences, or folders of plain pictures, whose exposure is 1 or the one that is given.
+fn folders(truth: &Path, given: Option<f32>) -> Result<Vec<TruthFolder>> {
+    let exposure = given.unwrap_or(1.0);
+    ensure!(exposure.is_finite() && exposure > 0.0, "the exposure {exposure} is not a positive number");
     if !find_folders(truth)?.is_empty() {
+        ensure!(given.is_none(), "{}: is a dataset, which has an exposure of its own; leave out --exposure", truth.display());
         let folder = |test: TestSequence| TruthFolder {
             set: test.set.clone(),
             class: test.class.clone(),
@@ -436,7 +438,7 @@ mod tests {
                 file::write_atomic(&root.join(name), b"")?;
             }
         }
-        let folders = folders(&truth, 1.0)?;
+        let folders = folders(&truth, None)?;
         let found = matched(&mine, &folders, partial)?;
         let name = |root: &Path, path: &Path| path.strip_prefix(root).unwrap().with_extension("").display().to_string();
         let pair = |pair: &Match<'_>| format!("{} {}", name(&truth, pair.truth), name(&mine, &pair.picture));

@@ -159,6 +159,10 @@ pub struct SequenceSummary {
     /// Frames in the sequence for each keyframe; with several keyframes, their distance. `None` without keyframes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub keyframe_gap: Option<f64>,
+    /// Share of the sequence's frames that are keyframes, whichever frames were evaluated. `None` without keyframes, and where
+    /// nobody wrote it down.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub keyframe_share: Option<f64>,
     /// Numbers of the frames whose pictures are stored.
     pub shown: Vec<usize>,
     /// Factor from radiance to display-linear.

@@ -277,6 +277,7 @@ impl Evaluation<'_> {
             frames: numbers(indices),
             keyframes: numbers(&sequence.transforms.keyframes).into_iter().filter(|n| numbers(indices).contains(n)).collect(),
             keyframe_gap: keyframe_gap(&sequence.transforms.keyframes, sequence.len()),
+            keyframe_share: keyframe_share(&sequence.transforms.keyframes, sequence.len()),
             shown: numbers(&shown),
             exposure,
             facts: facts(test),
@@ -300,6 +301,11 @@ fn keyframe_gap(keys: &[usize], frames: usize) -> Option<f64> {
         [_] => Some(frames as f64),
         [first, .., last] => Some((last.abs_diff(*first)) as f64 / (keys.len() - 1) as f64),
     }
+}
+
+/// The share of keyframes among the `frames` of a sequence.
+fn keyframe_share(keys: &[usize], frames: usize) -> Option<f64> {
+    (!keys.is_empty()).then(|| keys.len() as f64 / frames as f64)
 }
 
 /// Removes the summary of a sequence, if there is one.
@@ -373,5 +379,6 @@ mod tests {
         assert_eq!([keyframe_gap(&[], 50), keyframe_gap(&[0], 9)], [None, Some(9.0)]);
         assert_eq!(keyframe_gap(&[0, 16, 32, 48], 50), Some(16.0));
         assert_eq!(keyframe_gap(&[0, 4, 9], 10), Some(4.5));
+        assert_eq!([keyframe_share(&[], 50), keyframe_share(&[0, 25], 50)], [None, Some(0.04)]);
     }
 }

@@ -1,6 +1,6 @@
 //! Tables as text.
 
-use crate::evaluate::results::Results;
+use crate::evaluate::results::{Results, Scored};
 use crate::metrics::bootstrap::{Interval, bootstrap};
 use crate::report::table::{Filter, Means, aligned, metric, number, seconds};
 use serde_json::{Value, json};
@@ -123,14 +123,8 @@ impl Row {
                 made.set(id, value);
             }
         }
-        // Keyframes count here, too. Where they are the truth itself, only their squared error has a mean that says something.
-        let whole = results.sequences.iter().map(|sequence| {
-            let scores = sequence.scores.iter().filter(|score| score.method == id);
-            let psnr = scores.filter_map(|score| score.values.get("psnr_full"));
-            let errors: Vec<f64> = psnr.map(|psnr| 10f64.powf(-0.1 * psnr)).collect();
-            -10.0 * (errors.iter().sum::<f64>() / errors.len() as f64).log10()
-        });
-        made.values.extend(bootstrap(&whole.collect::<Vec<_>>()).map(|all| ("psnr_all".to_owned(), all)));
+        let whole: Vec<f64> = results.sequences.iter().map(|sequence| whole(sequence, id)).collect();
+        made.values.extend(bootstrap(&whole).map(|all| ("psnr_all".to_owned(), all)));
         made
     }
 
@@ -151,9 +145,65 @@ impl Row {
     }
 }
 
+/// The PSNR of the mean squared error of all frames of a sequence, keyframes too: where they are the truth itself, only their
+/// squared error has a mean that says something. Those that were evaluated stand for their share of the sequence, which is not
+/// their share of the frames that were evaluated.
+fn whole(sequence: &Scored, method: &str) -> f64 {
+    let scores = sequence.scores.iter().filter(|score| score.method == method);
+    let errors = scores.filter_map(|score| Some((score.key, 10f64.powf(-0.1 * score.values.get("psnr_full")?))));
+    let (keys, between): (Vec<_>, Vec<_>) = errors.partition(|(key, _)| *key);
+    // Results of earlier versions know the distance of the keyframes alone.
+    let about = &sequence.about;
+    let evaluated = keys.len() as f64 / (keys.len() + between.len()) as f64;
+    let share = about.keyframe_share.or(about.keyframe_gap.map(f64::recip)).unwrap_or(evaluated);
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for (errors, share) in [(keys, share), (between, 1.0 - share)].into_iter().filter(|(errors, _)| !errors.is_empty()) {
+        sum += share * errors.iter().map(|(_, error)| error).sum::<f64>() / errors.len() as f64;
+        weights += share;
+    }
+    -10.0 * (sum / weights).log10()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evaluate::results::{Score, SequenceSummary};
+
+    /// Two of every ten frames of a sequence whose only evaluated keyframe is the first.
+    fn tenth(about: SequenceSummary) -> Scored {
+        let frames = (0..50).filter(|frame| frame % 10 < 2);
+        let score = |frame: usize| Score {
+            method: "warp".into(),
+            frame,
+            key: frame == 0,
+            seconds: None,
+            spp: None,
+            values: [("psnr_full".to_owned(), if frame == 0 { 100.0 } else { 20.0 })].into(),
+        };
+        Scored { about, pictures: std::path::PathBuf::new(), scores: frames.map(score).collect() }
+    }
+
+    #[test]
+    fn keyframes_count_by_their_share_of_the_sequence() {
+        // Two keyframes among 50 frames: the error is that of 48 frames.
+        let gain = -10.0 * 0.96f64.log10();
+        let known = SequenceSummary { keyframe_gap: Some(25.0), keyframe_share: Some(0.04), ..SequenceSummary::default() };
+        let earlier = SequenceSummary { keyframe_share: None, ..known.clone() };
+        for about in [known.clone(), earlier] {
+            let all = whole(&tenth(about), "warp");
+            assert!((all - 20.0 - gain).abs() < 1e-4, "{all}");
+        }
+        // Where nothing is known of the others, the frames that were evaluated stand for all.
+        let all = whole(&tenth(SequenceSummary::default()), "warp");
+        assert!((all - 20.0 + 10.0 * 0.9f64.log10()).abs() < 1e-4, "{all}");
+        // Where no keyframe was evaluated, or nothing else was, the others stand for all.
+        for (key, expected) in [(false, 20.0), (true, 100.0)] {
+            let mut some = tenth(known.clone());
+            some.scores.retain(|score| score.key == key);
+            assert!((whole(&some, "warp") - expected).abs() < 1e-9);
+        }
+        assert!(whole(&tenth(known), "another method").is_nan());
+    }
 
     #[test]
     fn tables_show_what_there_is() {

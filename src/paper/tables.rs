@@ -278,7 +278,8 @@ fn input(lab: &Lab) -> Result<Table> {
 fn gaps(lab: &Lab) -> Result<Table> {
     let mut table = Table::new(
         "Distances between keyframes",
-        "PSNR of the mean squared error of all frames, and mean PSNR of those that are no keyframes. The last column adds the truth of the keyframes to the seconds of \
+        "PSNR of the mean squared error of all frames, and mean PSNR of those that are no keyframes. Where some of the frames are \
+         measured, keyframes count by their share of the sequence. The last column adds the truth of the keyframes to the seconds of \
          a frame.",
         &["psnr_all", "psnr_full", "ssim", "lpips_alex", "with_truth"],
     );

@@ -130,6 +130,7 @@ pub fn write(folder: &Path) {
             frames: (0..FRAMES).collect(),
             keyframes: vec![0, 4],
             keyframe_gap: Some(4.0),
+            keyframe_share: Some(0.4),
             shown: (0..FRAMES).collect(),
             exposure: 1.25,
             facts: vec![("light".into(), NASTY.into()), ("triangles".into(), "1234".into())],
