@@ -238,6 +238,14 @@ def _maybe(picture: ArrayLike | None) -> Picture | None:
     return None if picture is None else _picture(picture)
 
 
+def _display(picture: ArrayLike) -> Picture:
+    picture = np.asarray(picture)
+    # Bytes would be clipped to 0..1 and all look the same.
+    if picture.dtype.kind in "iu":
+        raise ValueError(f"display values in 0..1 are needed, not {picture.dtype}: divide bytes by 255")
+    return _picture(picture)
+
+
 def denoise(
     color: ArrayLike,
     albedo: ArrayLike | None = None,
@@ -262,18 +270,18 @@ def denoiser() -> Path | None:
 def psnr(image: ArrayLike, reference: ArrayLike, mask: ArrayLike | None = None) -> float:
     """PSNR in dB of display values in 0..1, over all pixels or over those where ``mask`` (height, width) is above 0. Equal
     pictures give infinity."""
-    return _native.psnr(_picture(image), _picture(reference), _maybe(mask))
+    return _native.psnr(_display(image), _display(reference), _maybe(mask))
 
 
 def ssim(image: ArrayLike, reference: ArrayLike, mask: ArrayLike | None = None) -> float:
     """SSIM of display values in 0..1, as scikit-image computes it with ``gaussian_weights=True, sigma=1.5,
     use_sample_covariance=False, data_range=1, channel_axis=2``."""
-    return _native.ssim(_picture(image), _picture(reference), _maybe(mask))
+    return _native.ssim(_display(image), _display(reference), _maybe(mask))
 
 
 def flip(image: ArrayLike, reference: ArrayLike, mask: ArrayLike | None = None) -> float:
     """Mean LDR-FLIP of display values in 0..1, at 67 pixels per degree. 0 means no visible difference."""
-    return _native.flip(_picture(image), _picture(reference), _maybe(mask))
+    return _native.flip(_display(image), _display(reference), _maybe(mask))
 
 
 class Lpips:
@@ -288,7 +296,7 @@ class Lpips:
 
     def __call__(self, image: ArrayLike, reference: ArrayLike) -> float:
         """The distance of two pictures (height, width, 3)."""
-        return self._native(_picture(image), _picture(reference))
+        return self._native(_display(image), _display(reference))
 
 
 def lpips(image: ArrayLike, reference: ArrayLike) -> float:

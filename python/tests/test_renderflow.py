@@ -169,7 +169,13 @@ def test_metrics_agree_with_formulae():
     inside = mask > 0
     assert rf.psnr(a, b, mask) == pytest.approx(-10 * np.log10(np.mean((a[inside] - b[inside]) ** 2)), abs=1e-4)
     assert 0 < rf.ssim(a, b) < 1 and 0 < rf.flip(a, b) < 1
-    # Any array that can be read as floats will do.
+    # Bytes are no values in 0..1.
+    for metric in (rf.psnr, rf.ssim, rf.flip):
+        with pytest.raises(ValueError, match="divide bytes by 255"):
+            metric(rf.to_display(a), b)
+        with pytest.raises(ValueError, match="not int64"):
+            metric(a, np.ones(a.shape, np.int64))
+    # Any array of floats will do.
     assert rf.psnr(a.astype(np.float64)[::-1], b[::-1]) == pytest.approx(rf.psnr(a, b), abs=1e-4)
     skimage = pytest.importorskip("skimage.metrics")
     theirs = skimage.structural_similarity(
