@@ -363,3 +363,64 @@ fn tables_of_render_and_stress_are_json_when_asked() {
     let listed: Value = serde_json::from_str(&succeed(&["stress", "--list", "--json"])).unwrap();
     assert!(listed.as_array().unwrap().iter().all(|check| check["name"].is_string() && check["about"].is_string()));
 }
+
+#[test]
+fn a_plan_takes_no_options_that_change_nothing() {
+    let folder = Folder::new();
+    let out = folder.at("plan.json");
+    let counts = ["dataset", "plan", "--seed", "1", "--sequences", "1", "--frames", "4", "--resolution", "16", "--overwrite"];
+    let run = |more: &[&str]| renderflow(&[&counts[..], &["--out", &out], more].concat());
+    let idle: [(&str, &[&str]); 8] = [
+        ("--distance", &["--compact", "--distance"]),
+        ("--adaptive", &["--spp", "0", "--adaptive"]),
+        ("--max-bounces", &["--spp", "0", "--max-bounces", "2"]),
+        ("--denoise oidn", &["--spp", "0", "--denoise", "oidn"]),
+        ("--between-spp", &["--spp", "0", "--between-spp", "4"]),
+        ("--keyframe-gap", &["--spp", "0", "--keyframe-gap", "2"]),
+        ("--between-spp", &["--between-spp", "4", "--keyframe-gap", "1"]),
+        ("--between-spp", &["--between-spp", "4", "--keyframe-gap", "2", "--frame-step", "2"]),
+    ];
+    for (option, more) in idle {
+        let output = run(more);
+        let text = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{more:?}: {text}");
+        assert!(text.contains(&format!("{option}: ")) && text.contains("would change nothing"), "{more:?}: {text}");
+        assert!(!folder.path("plan.json").exists(), "{more:?}");
+    }
+    let useful: [&[&str]; 6] = [
+        &["--compact"],
+        &["--spp", "0", "--compact"],
+        &["--spp", "0", "--between-spp", "0"],
+        &["--adaptive", "--max-bounces", "2"],
+        &["--between-spp", "4", "--keyframe-gap", "2"],
+        &["--distance", "--spp", "1", "--denoise", "none", "--frame-step", "4"],
+    ];
+    for more in useful {
+        let output = run(more);
+        assert!(output.status.success(), "{more:?}: {}", stderr(&output));
+    }
+    // A plan that was edited says so when it is rendered.
+    let mut plan = folder.json("plan.json");
+    plan["storage"] = "compact".into();
+    std::fs::write(folder.path("plan.json"), plan.to_string()).unwrap();
+    let output = renderflow(&["dataset", "render", "--plan", &out, "--out", &folder.at("data")]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stderr(&output).contains("plan.json: /render/distance: has no effect: "), "{}", stderr(&output));
+}
+
+#[cfg(unix)]
+#[test]
+fn one_process_at_a_time_renders_into_a_folder() {
+    let folder = Folder::new();
+    let (model, out) = (folder.model(), folder.at("out"));
+    let words = ["render", &model, "--resolution", "16", "--spp", "1", "--denoise", "none", "--out", &out];
+    std::fs::create_dir(&out).unwrap();
+    // As another process that renders holds it.
+    let taken = std::fs::File::open(&out).unwrap();
+    taken.lock().unwrap();
+    assert!(fail(&words).contains("another process writes to this folder"));
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 0);
+    drop(taken);
+    succeed(&words);
+    succeed(&words);
+}

@@ -3,8 +3,8 @@
 mod common;
 
 use common::{files, renderflow, stderr, succeed};
-use renderflow::dataset::{Plan, manifest, record, verify};
-use renderflow::util::cancel::Cancel;
+use renderflow::dataset::{Plan, Shard, manifest, record, render as rendering, verify};
+use renderflow::util::cancel::{Cancel, Interrupted};
 use renderflow_frame::exr;
 use renderflow_scenes::procedural::Split;
 use std::path::{Path, PathBuf};
@@ -197,6 +197,42 @@ fn a_frame_that_fails_is_recorded_and_the_others_go_on() {
     std::fs::remove_dir_all(sequence.join(frame)).unwrap();
     assert!(render(&plan, &out, &[]).status.success());
     assert_eq!(differences(&whole, &out), Vec::<String>::new());
+}
+
+/// A run that is stopped, or makes some of the frames only, leaves the failures of the others on record.
+#[test]
+fn failures_of_frames_that_a_run_does_not_come_to_stay_on_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan_file = plan(folder.path(), "plan.json", &SMALL);
+    let (plan, out) = (Plan::read(Path::new(&plan_file)).unwrap(), folder.path().join("out"));
+    let sequence = out.join("train/seq-000001");
+    let [first, second, third] = [0, 1, 2].map(|number| sequence.join(format!("frame.{number:04}.exr")));
+    for taken in [&second, &third] {
+        std::fs::create_dir_all(taken.join("x")).unwrap();
+    }
+    assert_eq!(render(&plan_file, &out, &[]).status.code(), Some(1));
+    let failed = || record::failures(&sequence).unwrap().iter().map(|failure| failure.frame.unwrap()).collect::<Vec<_>>();
+    assert_eq!(failed(), [1, 2]);
+    // Stopped once the first frame is there again, before the second.
+    std::fs::remove_file(&first).unwrap();
+    let stop = Cancel::default();
+    let until_the_first = |number: usize| {
+        if number == 1 && first.is_file() {
+            stop.set();
+        }
+        true
+    };
+    let stopped = rendering::run_some(&plan, &out, Shard::WHOLE, &until_the_first, &stop).unwrap_err();
+    assert!(stopped.is::<Interrupted>() && first.is_file(), "{stopped:#}");
+    assert_eq!(failed(), [1, 2]);
+    // Only the second frame, which can be made now.
+    std::fs::remove_dir_all(&second).unwrap();
+    rendering::run_some(&plan, &out, Shard::WHOLE, &|number| number == 1, &Cancel::default()).unwrap();
+    assert!(second.is_file());
+    assert_eq!(failed(), [2]);
+    std::fs::remove_dir_all(&third).unwrap();
+    assert!(render(&plan_file, &out, &[]).status.success());
+    assert!(!sequence.join("failures.json").exists());
 }
 
 #[test]

@@ -552,3 +552,22 @@ fn a_dataset_without_its_plan_is_not_packed() {
     assert!(said.contains("no plan.json beside manifest.json") && said.contains("renderflow dataset repair"), "{said}");
     assert!(!out.exists());
 }
+
+#[cfg(unix)]
+#[test]
+fn one_process_at_a_time_exports_into_a_folder() {
+    let out = tempfile::tempdir().unwrap();
+    let words = ["dataset", "export", dataset().to_str().unwrap(), "--to", "coco", "--out", out.path().to_str().unwrap()];
+    // As another process that exports holds it.
+    let taken = std::fs::File::open(out.path()).unwrap();
+    taken.lock().unwrap();
+    let refused = renderflow(&words);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(stderr(&refused).contains("another process writes to this folder"), "{}", stderr(&refused));
+    assert!(files(out.path()).is_empty());
+    drop(taken);
+    succeed(&words);
+    let made = files(out.path());
+    succeed(&words);
+    assert!(made.iter().any(|(name, _)| name == "export.json") && files(out.path()) == made);
+}

@@ -4,6 +4,7 @@
 mod common;
 
 use common::{files, stderr};
+use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -125,4 +126,51 @@ fn a_check_ends_at_the_first_signal() {
     check.arg("check").args(vec![&file; 400]).stdout(Stdio::null()).stderr(Stdio::piped());
     let output = interrupted(check.spawn().unwrap(), Duration::from_millis(500));
     assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
+}
+
+/// The folder of maps is larger than what is read before the signal comes.
+#[test]
+fn a_plan_heeds_the_first_signal() {
+    let folder = tempfile::tempdir().unwrap();
+    let (maps, plan) = (folder.path().join("maps"), folder.path().join("plan.json"));
+    std::fs::create_dir(&maps).unwrap();
+    // What is said of the first file tells that the maps are being read.
+    std::fs::write(maps.join("a.hdr"), "no map").unwrap();
+    let head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 256 +X 512\n".to_vec();
+    std::fs::write(maps.join("b.hdr"), [head, [100, 110, 120, 128].repeat(256 * 512)].concat()).unwrap();
+    for number in 0..1000 {
+        std::fs::hard_link(maps.join("b.hdr"), maps.join(format!("c{number}.hdr"))).unwrap();
+    }
+    let mut command = Command::new(PROGRAM);
+    command.args(["dataset", "plan", "--seed", "1", "--sequences", "1", "--hdris"]).arg(&maps).arg("--out").arg(&plan);
+    let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+    let (mut said, mut errors) = (String::new(), BufReader::new(child.stderr.take().unwrap()));
+    errors.read_line(&mut said).unwrap();
+    assert!(said.contains("a.hdr"), "{said}");
+    assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
+    errors.read_to_string(&mut said).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(75), "{said}");
+    assert!(said.contains("interrupted") && !plan.exists(), "{said}");
+}
+
+/// A plan of many sequences takes long to look through.
+#[test]
+fn statistics_heed_the_first_signal() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = folder.path().join("plan.json");
+    let mut command = Command::new(PROGRAM);
+    command.args(["dataset", "plan", "--seed", "1", "--sequences", "1000000", "--out"]).arg(plan);
+    assert!(command.output().unwrap().status.success());
+    for step in 0..6 {
+        let mut command = Command::new(PROGRAM);
+        command.args(["dataset", "stats"]).arg(folder.path()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let output = interrupted(command.spawn().unwrap(), Duration::from_millis(100 << step));
+        // Before it listens the signal is the system's.
+        if output.status.code().is_some() {
+            assert_eq!(output.status.code(), Some(75), "{}", stderr(&output));
+            assert!(stderr(&output).contains("interrupted") && !folder.path().join("stats.html").exists());
+            return;
+        }
+    }
+    panic!("it never listened");
 }

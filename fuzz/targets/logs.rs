@@ -3,6 +3,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use renderflow::dataset::log::costs;
+use renderflow::util::cancel::Cancel;
 use renderflow_fuzz::{catch_in_readers, folder, names_file, put, same_again, text, watch};
 use renderflow_model::train::log::Log;
 use renderflow_model::train::runner::LogRecord;
@@ -22,7 +23,7 @@ fuzz_target!(
     init: catch_in_readers(),
     |bytes: &[u8]| watch(|| {
         put(&FOLDER.join("logs/log.jsonl"), bytes);
-        let costs = costs(&FOLDER);
+        let costs = costs(&FOLDER, &Cancel::default()).expect("nobody stops it");
         assert!(costs.frames + costs.failures <= bytes.split(|&b| b == b'\n').count());
 
         let path = FOLDER.join("log.jsonl");

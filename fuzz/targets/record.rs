@@ -9,6 +9,7 @@ use renderflow::dataset::layout::{FAILURES, RECORD};
 use renderflow::dataset::manifest::{self, Manifest};
 use renderflow::dataset::record::{self, Record};
 use renderflow::dataset::{Plan, stats};
+use renderflow::util::cancel::Cancel;
 use renderflow_fuzz::{catch_in_readers, folder, names_file, parts, plain, put, same_again, watch};
 use std::path::PathBuf;
 use std::sync::LazyLock;
@@ -57,7 +58,7 @@ fuzz_target!(
             }
         }
         // What reads whole datasets answers, too.
-        if let Ok(numbers) = stats::numbers(dataset) {
+        if let Ok(numbers) = stats::numbers(dataset, &Cancel::default()) {
             serde_json::to_string(&numbers).expect("the numbers of a dataset can be written");
         }
         let home = Home::of(dataset).ok().flatten();

@@ -1,7 +1,7 @@
 use super::scene::any_resolution;
 use crate::dataset::denoise::Denoise;
 use crate::dataset::job::NO_TRUTH;
-use crate::dataset::plan::{Allowed, Keyframes, NO_CLASSIC, Plan, Render};
+use crate::dataset::plan::{Allowed, Keyframes, NO_CLASSIC, Plan, Render, is_keyframe};
 use crate::dataset::{Shard, log, merge, planning, preview, render, repair, stats, verify};
 use crate::report;
 use crate::util::cancel::Cancel;
@@ -230,10 +230,13 @@ pub struct StatsArgs {
 impl DatasetCommand {
     pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         match self {
-            Self::Plan(args) => args.run(allowed),
+            Self::Plan(args) => args.run(allowed, cancel),
             Self::Preview(args) => args.run(allowed, cancel),
             Self::Render(args) => {
                 let plan = Plan { allowed: Allowed(allowed.to_vec()), ..Plan::read(&args.plan)? };
+                for idle in plan.idle() {
+                    eprintln!("note: {}: {idle}", args.plan.display());
+                }
                 let assigned = Shard::choose(args.shard)?;
                 eprintln!("{assigned}");
                 render::run(&plan, &args.out, assigned.shard, cancel)?;
@@ -247,7 +250,7 @@ impl DatasetCommand {
             }
             Self::Verify(args) => args.run(cancel),
             Self::Repair(args) => args.run(allowed, cancel),
-            Self::Stats(args) => args.run(),
+            Self::Stats(args) => args.run(cancel),
             Self::Slurm(args) => args.run(allowed),
             Self::Pack(args) => args.run(cancel),
             Self::Export(args) => args.run(cancel),
@@ -256,8 +259,33 @@ impl DatasetCommand {
 }
 
 impl PlanArgs {
-    fn run(self, allowed: &[PathBuf]) -> Result<()> {
+    /// The first option that would change nothing, and why.
+    fn idle(&self) -> Option<(&'static str, &'static str)> {
+        const NO_PATHS: &str = "with --spp 0 no path is traced";
+        const NO_PICTURES: &str = "with --spp 0 no frame has a picture";
+        let bare = self.spp == 0;
+        let mut rendered = (0..self.frames as usize).step_by(self.frame_step as usize);
+        let options = [
+            ("--distance", self.compact && self.distance, "compact frames hold no distance, because it follows from the depth"),
+            ("--adaptive", bare && self.adaptive, NO_PATHS),
+            ("--max-bounces", bare && self.max_bounces != Settings::default().max_bounces, NO_PATHS),
+            ("--denoise oidn", bare && self.denoise == Denoise::Oidn, NO_PICTURES),
+            ("--between-spp", bare && self.between_spp.is_some_and(|spp| spp > 0), NO_PICTURES),
+            ("--keyframe-gap", bare && self.keyframe_gap != Keyframes::GAP, NO_PICTURES),
+            (
+                "--between-spp",
+                self.between_spp.is_some() && rendered.all(|number| is_keyframe(self.keyframe_gap, number)),
+                "every frame that is rendered is a keyframe",
+            ),
+        ];
+        options.into_iter().find_map(|(option, idle, reason)| idle.then_some((option, reason)))
+    }
+
+    fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         ensure!(!self.classic, "--classic: {NO_CLASSIC}");
+        if let Some((option, reason)) = self.idle() {
+            bail!("{option}: {reason}, so it would change nothing; leave it out");
+        }
         let denoise = match self.denoise {
             Denoise::Auto if Denoiser::new().is_ok() => Denoise::Oidn,
             Denoise::Auto => Denoise::None,
@@ -292,8 +320,9 @@ impl PlanArgs {
             splits: Default::default(),
             allowed: Allowed(allowed.to_vec()),
         };
-        plan.splits = planning::splits(&plan, self.meshes.as_deref(), self.hdris.as_deref())?;
+        plan.splits = planning::splits(&plan, self.meshes.as_deref(), self.hdris.as_deref(), cancel)?;
         plan.check()?;
+        cancel.check()?;
         if plan.frames > 1 && plan.numbers().count() == 1 {
             let (step, frames) = (plan.frame_step, plan.frames);
             eprintln!("note: with --frame-step {step}, only the first of {frames} frames is rendered");
@@ -406,9 +435,9 @@ impl RepairArgs {
 }
 
 impl StatsArgs {
-    fn run(self) -> Result<()> {
-        let numbers = stats::numbers(&self.dataset)?;
-        let costs = log::costs(&self.dataset);
+    fn run(self, cancel: &Cancel) -> Result<()> {
+        let numbers = stats::numbers(&self.dataset, cancel)?;
+        let costs = log::costs(&self.dataset, cancel)?;
         if self.json {
             println!("{}", serde_json::to_string_pretty(&serde_json::json!({ "dataset": numbers, "costs": costs }))?);
         }
@@ -416,7 +445,7 @@ impl StatsArgs {
         output::check_page(&out)?;
         let full = output::resolved(&self.dataset)?;
         let name = full.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-        let page = report::dataset::page(&name, &numbers, &costs, &stats::pictures(&self.dataset)?)?;
+        let page = report::dataset::page(&name, &numbers, &costs, &stats::pictures(&self.dataset, cancel)?)?;
         file::write_atomic(&out, page.as_bytes())?;
         if !self.json {
             if costs.frames > 0 {

@@ -10,7 +10,7 @@ use crate::dataset::layout::{ANIMATION, SHEET};
 use crate::dataset::plan::{Keyframes, Plan};
 use crate::util::cancel::Cancel;
 use crate::util::device::DeviceArgs;
-use crate::util::output;
+use crate::util::output::{self, Hold};
 use crate::util::picture;
 use crate::util::progress::Progress;
 use crate::util::ranges::{Resolution, within};
@@ -318,6 +318,7 @@ impl Render {
             frame_step: 1,
             storage: Profile::Full,
         };
+        let mut hold = Hold::new(&self.out)?;
         let mut sequence = job.open()?;
         settings.render.lens = self.lens.lens(|| middle(&sequence.loaded))?;
         settings.shutter = self.lens.shutter(sequence.loaded.cameras.len(), settings.render.camera_samples());
@@ -331,6 +332,7 @@ impl Render {
         for (_, path) in not_made.into_iter().filter(|(_, path)| self.overwrite && !work.missing.is_empty() && path.exists()) {
             eprintln!("note: {}: stays as it is, and does not show this render", path.display());
         }
+        hold.begin()?;
         sequence.lengthen(&work, &settings)?;
         progress.resume(1000 * (frames - work.missing.len()) as u64);
         let mut written = Vec::new();

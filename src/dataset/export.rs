@@ -14,6 +14,7 @@ use super::sequence::Sequence;
 use super::whole;
 use crate::dataset::layout::MANIFEST;
 use crate::util::cancel::Cancel;
+use crate::util::files;
 use crate::util::output::{self, Claim};
 use crate::util::progress::Progress;
 use anyhow::{Context, Result, ensure};
@@ -64,10 +65,9 @@ pub fn export(dataset: &Path, to: Form, out: &Path, cancel: &Cancel) -> Result<(
     ensure!(target != from, "{}", place("the folder of"));
     ensure!(!target.starts_with(&from), "{}", place("inside of"));
     ensure!(!from.starts_with(&target), "{}", place("above"));
-    let manifest = file::read_at_most(&root.join(MANIFEST), file::LARGEST_TEXT).ok();
     // PNG files of version 1 had exact values beside the pictures.
     let version = if to == Form::Png { 2 } else { 1 };
-    let mark = Mark { version, form: to, dataset: manifest.map(|bytes| blake3::hash(&bytes).to_hex().to_string()) };
+    let mark = Mark { version, form: to, dataset: files::hash(&root.join(MANIFEST)).ok() };
     let claim = Claim::new(out, MARK, &mark, "files of another form or of another dataset")?;
     sequences.iter().try_for_each(|sequence| ready(sequence, to))?;
     let categories = if to == Form::Coco { coco::Categories::of(&root, &sequences)? } else { Default::default() };

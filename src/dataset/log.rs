@@ -4,10 +4,12 @@
 use super::job::Cost;
 use super::plan::Plan;
 use super::record::Failure;
+use crate::util::cancel::Cancel;
 use crate::util::{files, machine};
+use anyhow::Result;
 use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -92,8 +94,12 @@ impl Log {
     pub fn open(path: &Path) -> Self {
         let folder = path.parent().unwrap_or(Path::new("."));
         let file = std::fs::create_dir_all(folder).and_then(|()| append(path));
-        let file = file.map_err(|error| eprintln!("warning: {}: no log is kept: {error}", path.display()));
-        Self { file: file.ok().map(Mutex::new) }
+        let file = file.map_err(|error| eprintln!("warning: {}: no log is kept: {error}", path.display())).ok();
+        if file.as_ref().is_some_and(is_taken) {
+            let twice = "another process renders the same part into this folder; each may spoil what the other writes";
+            eprintln!("warning: {}: {twice}", path.display());
+        }
+        Self { file: file.map(Mutex::new) }
     }
 
     /// Appends a line.
@@ -107,6 +113,13 @@ impl Log {
         // One call for each line, so that lines of two runs do not mix.
         let _ = log.write_all(&line);
     }
+}
+
+/// Marks the log as that of this process, for as long as it is open. Returns whether another process has it. A network file
+/// system may keep the lock of a machine that died, so a log that is taken is no reason to stop.
+fn is_taken(log: &File) -> bool {
+    // Where locks are not advisory, nobody could read the log meanwhile.
+    cfg!(unix) && matches!(log.try_lock(), Err(TryLockError::WouldBlock))
 }
 
 /// Opens a log at its end, and ends a line that a killed run began.
@@ -151,11 +164,9 @@ pub fn plans(out: &Path) -> Vec<Plan> {
     struct Start {
         plan: Plan,
     }
-    let starts = |text: &str| -> Vec<Plan> {
-        let lines = text.lines().filter(|line| line.contains(r#""event":"start""#));
-        lines.filter_map(|line| Some(serde_json::from_str::<Start>(line).ok()?.plan)).collect()
-    };
-    logs(out).iter().filter_map(|path| file::read_text(path).ok()).flat_map(|text| starts(&text)).collect()
+    let starts = |line: &String| line.contains(r#""event":"start""#);
+    let plan = |line: String| Some(serde_json::from_str::<Start>(&line).ok()?.plan);
+    logs(out).iter().filter_map(|path| file::lines(path).ok()).flatten().filter(starts).filter_map(plan).collect()
 }
 
 /// The logs in `out`, by name.
@@ -164,13 +175,17 @@ fn logs(out: &Path) -> Vec<PathBuf> {
 }
 
 /// Reads every log in `out`. Lines that cannot be read are skipped: a run may have been killed while it wrote one.
-pub fn costs(out: &Path) -> Costs {
+///
+/// # Errors
+/// When stopped.
+pub fn costs(out: &Path, cancel: &Cancel) -> Result<Costs> {
     let (mut costs, mut memory) = (Costs::default(), Vec::new());
     let (mut sequences, mut stages) = ([0.0; 3], [0.0; 4]);
     for path in logs(out) {
-        let text = file::read_text(&path).unwrap_or_default();
         let (mut started, mut last) = (0.0, 0.0);
-        for line in text.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok()) {
+        for line in file::lines(&path).into_iter().flatten() {
+            cancel.check()?;
+            let Ok(line) = serde_json::from_str::<serde_json::Value>(&line) else { continue };
             let number = |key: &str| line[key].as_f64().unwrap_or(0.0);
             if line["event"] == "start" {
                 costs.wall += last - started;
@@ -204,5 +219,43 @@ pub fn costs(out: &Path) -> Costs {
         part.sort_by(f64::total_cmp);
         costs.memory.push(part[part.len() / 2]);
     }
-    costs
+    Ok(costs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn a_log_is_taken_while_it_is_open() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("shard.jsonl");
+        let open = || append(&path).unwrap();
+        let first = open();
+        assert!(!is_taken(&first) && is_taken(&open()));
+        drop(first);
+        assert!(!is_taken(&open()));
+    }
+
+    #[test]
+    fn a_log_larger_than_a_text_counts() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("logs/shard-00001-of-00001.jsonl");
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        let mut log = File::create(&path).unwrap();
+        let frame = |time: u32| format!("{{\"time\":{time},\"rss\":100,\"event\":\"frame\",\"render\":2.0}}\n");
+        log.write_all(format!("{{\"time\":1,\"event\":\"start\"}}\n{}", frame(3)).as_bytes()).unwrap();
+        // Holes of the file, which take no room on the disk: each is a line that is no JSON.
+        for time in 4..8 {
+            log.seek(SeekFrom::Current(80 << 20)).unwrap();
+            log.write_all(format!("\n{}", frame(time)).as_bytes()).unwrap();
+        }
+        assert!(log.metadata().unwrap().len() > file::LARGEST_TEXT);
+        let costs = costs(folder.path(), &Cancel::default()).unwrap();
+        assert_eq!((costs.frames, costs.wall, costs.stages[1], costs.peak), (5, 6.0, 2.0, 100.0));
+        let stop = Cancel::default();
+        stop.set();
+        assert!(super::costs(folder.path(), &stop).is_err());
+    }
 }

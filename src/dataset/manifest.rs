@@ -53,6 +53,11 @@ pub struct Entry {
     pub keyframes: Vec<usize>,
 }
 
+/// Bytes of an entry without its keyframes at most; it may name a file of the user.
+const ENTRY: u64 = 6 << 10;
+/// Bytes of a keyframe in an entry at most.
+const KEYFRAME: u64 = 24;
+
 /// The hashes of records that the manifest of a dataset lists.
 #[derive(Clone, Debug, Default)]
 pub struct Listed {
@@ -62,12 +67,22 @@ pub struct Listed {
 impl Listed {
     /// Reads the manifest in `out`; empty where it cannot be read or belongs to another plan.
     pub fn read(plan: &Plan, out: &Path) -> Self {
-        let Ok(manifest) = file::read_json::<Manifest>(&out.join(MANIFEST)) else { return Self::default() };
+        #[derive(Deserialize)]
+        struct Outline {
+            plan: String,
+            entries: Vec<Line>,
+        }
+        #[derive(Deserialize)]
+        struct Line {
+            folder: String,
+            record: String,
+        }
+        let path = out.join(MANIFEST);
+        let Ok(manifest) = file::read_long_json::<Outline>(&path, Manifest::largest(plan)) else { return Self::default() };
         if manifest.plan != plan.hash() {
             return Self::default();
         }
-        let mut hashes: HashMap<String, String> =
-            manifest.entries.into_iter().map(|entry| (entry.folder, entry.record)).collect();
+        let mut hashes: HashMap<String, String> = manifest.entries.into_iter().map(|line| (line.folder, line.record)).collect();
         let of = |index| Some((index, hashes.remove(&plan.place(index))?));
         Self { records: (0..plan.total()).filter_map(of).collect() }
     }
@@ -96,6 +111,12 @@ impl Entry {
 }
 
 impl Manifest {
+    /// Bytes that the manifest of a plan may have: enough for every sequence with its keyframes.
+    pub(super) fn largest(plan: &Plan) -> u64 {
+        let keyframes = plan.keyframe_numbers().count() as u64;
+        (u64::from(plan.total()) * (ENTRY + KEYFRAME * keyframes)).min(file::LARGEST)
+    }
+
     /// The manifest of complete sequences, in the plan's order.
     pub fn new(plan: &Plan, out: &Path, records: &[Record]) -> Result<Self> {
         let entries = records.iter().map(|record| Entry::new(plan, out, record)).collect::<Result<_>>()?;
@@ -178,4 +199,39 @@ pub fn leaks<'a>(plan: &Plan, records: impl IntoIterator<Item = (u32, &'a Record
     leaks.sort();
     leaks.dedup();
     leaks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    #[test]
+    fn a_manifest_larger_than_a_text_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let plan: Plan = serde_json::from_value(serde_json::json!({
+            "version": 2,
+            "seed": 1,
+            "sequences": { "train": 50_000 },
+            "frames": 1,
+            "resolution": [16, 16],
+            "render": { "spp": 0 },
+        }))
+        .unwrap();
+        let path = folder.path().join(MANIFEST);
+        let mut manifest = std::io::BufWriter::new(std::fs::File::create(&path).unwrap());
+        writeln!(manifest, "{{\"plan\": \"{}\", \"entries\": [", plan.hash()).unwrap();
+        // As long as the entries of a very large dataset.
+        let space = [&[b' '; (1 << 20) - 1][..], b"\n"].concat();
+        while manifest.get_ref().metadata().unwrap().len() <= file::LARGEST_TEXT {
+            manifest.write_all(&space).unwrap();
+        }
+        writeln!(manifest, "{{\"folder\": \"train/seq-000007\", \"record\": \"hash\", \"keyframes\": [0]}}]}}").unwrap();
+        manifest.into_inner().unwrap();
+        let listed = Listed::read(&plan, folder.path());
+        assert_eq!((listed.of(7), listed.of(8)), (Some("hash"), None));
+        // Where the plan has few sequences, so large a manifest is not that of its dataset.
+        let small = Plan { sequences: Counts { train: 10, ..Counts::default() }, ..plan };
+        assert!(file::read_long_json::<serde_json::Value>(&path, Manifest::largest(&small)).is_err());
+    }
 }

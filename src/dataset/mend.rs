@@ -6,7 +6,7 @@ use super::plan::{Plan, SPLITS};
 use super::record::Record;
 use crate::dataset::layout::{ASIDE, DESCRIPTIONS, FAILURES, MANIFEST, PLAN, RECORD, frame_file};
 use crate::util::files;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::{file, frame_file as frames};
 use renderflow_scenes::Scene;
 use serde::Deserialize;
@@ -29,15 +29,29 @@ pub fn claim(plan: &Plan, out: &Path) -> Result<()> {
     }
     match known_plan(out) {
         Some(known) if known != plan.hash() => {
-            bail!("{}: the folder holds a dataset of another plan; choose another folder", path.display())
+            bail!("{}: {OTHER_PLAN}", path.display())
         }
         // A file that is no plan, in a folder that does not look like a dataset.
         None if stored.is_some() => drop(Plan::read(&path)?),
         _ if stored.is_some() => eprintln!("note: {}: was damaged, written again", path.display()),
         _ => {}
     }
-    Ok(file::write_atomic(&path, &bytes)?)
+    if stored.is_some() {
+        return Ok(file::write_atomic(&path, &bytes)?);
+    }
+    begin(&path, &bytes)
 }
+
+/// Writes the first plan of a folder. Another process may have begun on the folder at the same time.
+fn begin(path: &Path, bytes: &[u8]) -> Result<()> {
+    if !file::write_first(path, bytes)? {
+        ensure!(file::holds(path, bytes)?, "{}: {OTHER_PLAN}", path.display());
+    }
+    Ok(())
+}
+
+/// Why a folder is refused.
+const OTHER_PLAN: &str = "the folder holds a dataset of another plan; choose another folder";
 
 /// BLAKE3 of the plan that a dataset was made from, by a vote of its plan, its manifest, its records and its logs. In a tie, its
 /// own plan wins.
@@ -49,7 +63,8 @@ pub(super) fn known_plan(out: &Path) -> Option<String> {
     let own: Option<String> = Plan::read(&out.join(PLAN)).ok().map(|plan| plan.hash());
     let records = SPLITS.iter().flat_map(|split| files::list(&out.join(split.name())).unwrap_or_default());
     let marked = std::iter::once(out.join(MANIFEST)).chain(records.map(|folder| folder.join(RECORD)));
-    let marks = marked.filter_map(|path| Some(file::read_json::<Mark>(&path).ok()?.plan)).filter(|plan| plan.len() == 64);
+    let plan_in = |path: PathBuf| Some(file::read_long_json::<Mark>(&path, file::LARGEST).ok()?.plan);
+    let marks = marked.filter_map(plan_in).filter(|plan| plan.len() == 64);
     let logged: HashSet<String> = super::log::plans(out).iter().map(Plan::hash).collect();
     let mut votes: HashMap<String, usize> = HashMap::new();
     for vote in own.iter().cloned().chain(marks).chain(logged) {
@@ -151,4 +166,19 @@ pub fn set_aside(out: &Path, path: &Path) -> Result<PathBuf> {
     let aside = folder.join(format!("{}-{number}", name.join("-")));
     std::fs::rename(path, &aside).with_context(|| format!("{}: cannot move to {}", path.display(), aside.display()))?;
     Ok(aside)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_two_that_begin_at_once_the_first_has_the_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(PLAN);
+        begin(&path, b"one").unwrap();
+        begin(&path, b"one").unwrap();
+        assert!(begin(&path, b"other").unwrap_err().to_string().contains("another plan"));
+        assert_eq!(std::fs::read(&path).unwrap(), b"one");
+    }
 }

@@ -86,7 +86,7 @@ pub(super) fn merge_after(plan: &Plan, out: &Path, proven: &HashSet<u32>, depth:
     let path = out.join(MANIFEST);
     match file::write_json(&path, &manifest) {
         // Another shard that finished at the same time removed this one's draft, and wrote the same manifest.
-        Err(error) if file::read_json::<Manifest>(&path).ok().as_ref() != Some(&manifest) => Err(error.into()),
+        Err(error) if !file::holds(&path, &file::json(&path, &manifest)?).unwrap_or(false) => Err(error.into()),
         _ => Ok(manifest),
     }
 }

@@ -339,6 +339,27 @@ impl Plan {
         self.check_splits()
     }
 
+    /// What it asks for in vain: one sentence each, with the place in the plan.
+    pub fn idle(&self) -> Vec<String> {
+        const COMPACT: &str = "compact frames do not hold them";
+        const BARE: &str = "with /render/spp 0 no frame has a picture";
+        let (compact, bare) = (self.storage == Profile::Compact, self.render.spp == 0);
+        let (groups, between) = (self.render.light_groups > 0, self.keyframes.between_spp);
+        let keys = [
+            (
+                "/render/distance",
+                compact && self.render.distance,
+                "compact frames do not hold it, because it follows from the depth",
+            ),
+            ("/render/light_groups", compact && groups, COMPACT),
+            ("/render/light_groups", bare && !compact && groups, BARE),
+            ("/render/adaptive", bare && self.render.adaptive, BARE),
+            ("/keyframes/between_spp", bare && between.is_some_and(|spp| spp > 0), BARE),
+        ];
+        let idle = keys.into_iter().filter(|(_, idle, _)| *idle);
+        idle.map(|(key, _, reason)| format!("{key}: has no effect: {reason}")).collect()
+    }
+
     fn check_splits(&self) -> Result<()> {
         let catalog = self.catalog();
         let meshes: Vec<&str> = (0..self.meshes).map(|k| catalog.mesh_family(k)).collect();

@@ -1,6 +1,7 @@
 //! Makes a plan: decides how many sequences each split gets, and which families and files.
 
 use super::plan::{Counts, Plan, SPLITS, Sources, Splits, UserFile};
+use crate::util::cancel::Cancel;
 use crate::util::console::message;
 use crate::util::files;
 use crate::util::progress::Progress;
@@ -35,7 +36,10 @@ pub fn all_to(split: Split, sequences: u32) -> Counts {
 /// What each split may draw from: its [`families`] of the catalogue, and its part of the files in two of the user's folders.
 /// About one file in six goes to the test split and one in six goes to the validation split, by the plan's seed and the files'
 /// contents. Files that cannot be used are left out, with a warning.
-pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Result<Splits> {
+///
+/// # Errors
+/// When stopped, when a folder cannot be listed, or when it has no file that can be used.
+pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>, cancel: &Cancel) -> Result<Splits> {
     let (catalog, seed) = (plan.catalog(), Seed::root(plan.seed));
     let mut splits = Splits::default();
     for split in SPLITS {
@@ -43,10 +47,10 @@ pub fn splits(plan: &Plan, models: Option<&Path>, hdris: Option<&Path>) -> Resul
         Families { meshes: sources.mesh_families, environments: sources.environment_families } = families(&catalog, split);
     }
     if let Some(folder) = models {
-        deal_files(&mut splits, &seed, model_groups(folder, &plan.allowed.0)?, |sources, file| sources.models.push(file));
+        deal_files(&mut splits, &seed, model_groups(folder, &plan.allowed.0, cancel)?, |sources, file| sources.models.push(file));
     }
     if let Some(folder) = hdris {
-        let groups = usable_maps(folder)?.into_iter().map(|file| vec![file]).collect();
+        let groups = usable_maps(folder, cancel)?.into_iter().map(|file| vec![file]).collect();
         deal_files(&mut splits, &seed, groups, |sources, file| sources.hdris.push(file));
     }
     for split in SPLITS {
@@ -66,11 +70,12 @@ fn deal_files(splits: &mut Splits, seed: &Seed, groups: Vec<Vec<UserFile>>, mut 
 
 /// The models below `folder`, in groups that share a mesh: the same body under two names must not be in two splits. Models that
 /// cannot be read are left out, with a warning.
-fn model_groups(folder: &Path, allowed: &[PathBuf]) -> Result<Vec<Vec<UserFile>>> {
-    let files = user_files(folder, &MODELS)?;
+fn model_groups(folder: &Path, allowed: &[PathBuf], cancel: &Cancel) -> Result<Vec<Vec<UserFile>>> {
+    let files = user_files(folder, &MODELS, cancel)?;
     let progress = Progress::new("models", files.len() as u64);
     let mut groups: Vec<(HashSet<String>, Vec<UserFile>)> = Vec::new();
     for file in files {
+        cancel.check()?;
         let path = Path::new(&file.path);
         let view = ModelView { ground: false, ..ModelView::default() };
         let reach = Reach::of(path).allow(allowed);
@@ -99,11 +104,12 @@ fn model_groups(folder: &Path, allowed: &[PathBuf]) -> Result<Vec<Vec<UserFile>>
 }
 
 /// The environment maps below `folder`. Maps that cannot be used are left out, with a warning.
-fn usable_maps(folder: &Path) -> Result<Vec<UserFile>> {
-    let files = user_files(folder, &MAPS)?;
+fn usable_maps(folder: &Path, cancel: &Cancel) -> Result<Vec<UserFile>> {
+    let files = user_files(folder, &MAPS, cancel)?;
     let progress = Progress::new("maps", files.len() as u64);
     let mut usable = Vec::new();
     for file in files {
+        cancel.check()?;
         let read = hdr::read(Path::new(&file.path));
         progress.add(1);
         match read {
@@ -124,7 +130,7 @@ pub fn files_in(paths: &[PathBuf], endings: &[&str]) -> Result<Vec<UserFile>> {
     let mut files = Vec::new();
     for path in paths {
         if path.is_dir() {
-            files.extend(user_files(path, endings)?);
+            files.extend(user_files(path, endings, &Cancel::default())?);
         } else {
             ensure!(files::has_ending(path, endings), "{}: its name does not end in {}", path.display(), endings.join(", "));
             files.push(user_file(path)?);
@@ -142,15 +148,16 @@ fn user_file(path: &Path) -> Result<UserFile> {
 
 /// The files below `folder` that have one of `endings`, with their hashes. Files that cannot be read, such as pipes, are left
 /// out, with a warning.
-fn user_files(folder: &Path, endings: &[&str]) -> Result<Vec<UserFile>> {
-    let usable = |path: PathBuf| match user_file(&path) {
-        Ok(file) => Some(file),
-        Err(error) => {
-            eprintln!("warning: left out: {}", message(&error));
-            None
+fn user_files(folder: &Path, endings: &[&str], cancel: &Cancel) -> Result<Vec<UserFile>> {
+    let mut usable = Vec::new();
+    for path in files::walk(folder, endings)? {
+        cancel.check()?;
+        match user_file(&path) {
+            Ok(file) => usable.push(file),
+            Err(error) => eprintln!("warning: left out: {}", message(&error)),
         }
-    };
-    Ok(files::walk(folder, endings)?.into_iter().filter_map(usable).collect())
+    }
+    Ok(usable)
 }
 
 #[cfg(test)]

@@ -286,6 +286,46 @@ impl Record {
     }
 }
 
+/// The failures of a sequence while it is made: those of this run, and those of earlier runs that it has not come to.
+#[derive(Clone, Debug, Default)]
+pub struct Failures {
+    earlier: Vec<Failure>,
+    new: Vec<Failure>,
+}
+
+impl Failures {
+    /// Those that the folder of the sequence records. A record that cannot be read is as good as none.
+    pub fn read(folder: &Path) -> Self {
+        Self { earlier: failures(folder).unwrap_or_default(), new: Vec::new() }
+    }
+
+    /// Forgets that a frame failed earlier, because it is there now.
+    pub fn mended(&mut self, frame: usize) {
+        self.earlier.retain(|failure| failure.frame != Some(frame));
+    }
+
+    /// Adds a failure of this run, in place of an earlier one of the same frame.
+    pub fn add(&mut self, failure: Failure) {
+        self.earlier.retain(|earlier| earlier.frame != failure.frame);
+        self.new.push(failure);
+    }
+
+    /// Whether this run had none.
+    pub fn is_clean(&self) -> bool {
+        self.new.is_empty()
+    }
+
+    /// Writes all of them, by frame.
+    ///
+    /// # Errors
+    /// When the file cannot be written or removed.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let mut all = [&self.earlier[..], &self.new].concat();
+        all.sort_by_key(|failure| failure.frame);
+        write_failures(folder, &all)
+    }
+}
+
 /// Reads the failures recorded in the folder of a sequence.
 pub fn failures(folder: &Path) -> Result<Vec<Failure>> {
     let path = folder.join(FAILURES);

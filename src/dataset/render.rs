@@ -9,7 +9,7 @@ use super::manifest::Listed;
 use super::mend;
 use super::merge;
 use super::plan::{Plan, Quality};
-use super::record::{Checked, Failure, Record, write_failures};
+use super::record::{Checked, Failure, Failures, Record, write_failures};
 use super::shard::Shard;
 use crate::dataset::job::memory;
 use crate::dataset::job::{Existing, OpenSequence, SequenceJob, TruthSettings};
@@ -211,12 +211,12 @@ impl Work<'_> {
         }
         file::remove_leftovers(&folder);
         let before = self.progress.position();
-        let mut failed = Vec::new();
+        let mut failed = Failures::read(&folder);
         match self.frames(index, &name, &found, &mut failed) {
             Ok(()) => {}
             Err(error) if error.is::<Interrupted>() || storage_is_gone(&error) || error.is::<Mixture>() => {
-                // The list of earlier failures is worth keeping, if it can be stored.
-                let _ = write_failures(&folder, &failed);
+                // The list of failures so far is worth keeping, if it can be stored.
+                let _ = failed.write(&folder);
                 return Err(error.context(name));
             }
             Err(error) => {
@@ -225,12 +225,12 @@ impl Work<'_> {
             }
         }
         self.progress.set(before + UNITS * frames as u64);
-        write_failures(&folder, &failed).with_context(|| name.clone())
+        failed.write(&folder).with_context(|| name.clone())
     }
 
     /// Makes the frames of a sequence that are missing or damaged. Frames that fail are added to `failed`; the record is written
     /// if there are none.
-    fn frames(&mut self, index: u32, name: &str, found: &damage::Findings, failed: &mut Vec<Failure>) -> Result<()> {
+    fn frames(&mut self, index: u32, name: &str, found: &damage::Findings, failed: &mut Failures) -> Result<()> {
         let started = Instant::now();
         let folder = &self.plan.folder(self.out, index);
         let composed = guarded(|| self.plan.compose(&self.catalog, index))?;
@@ -241,6 +241,7 @@ impl Work<'_> {
         let mut found = found;
         if mend::is_misplaced(folder, found.record.as_ref(), &composed.scene) {
             found = &nothing;
+            *failed = Failures::default();
             let aside = mend::set_aside(self.out, folder)?;
             self.note(&format!("{}: is another sequence and was moved to {}", folder.display(), aside.display()));
         }
@@ -262,11 +263,15 @@ impl Work<'_> {
         for number in self.plan.numbers().filter(|&number| (self.wanted)(number)) {
             self.stopped()?;
             if found.vouches_for(number) {
+                failed.mended(number);
                 self.keep();
                 continue;
             }
             match self.frame(&mut sequence, name, number, doubles.contains(&number)) {
-                Ok(kept) => believed.extend(kept.then_some(number)),
+                Ok(kept) => {
+                    failed.mended(number);
+                    believed.extend(kept.then_some(number));
+                }
                 Err(error) if error.is::<Interrupted>() || storage_is_gone(&error) || error.is::<Mixture>() => return Err(error),
                 Err(error) => {
                     let failure = Failure { frame: Some(number), seed, error: crate::util::console::message(&error) };
@@ -274,7 +279,7 @@ impl Work<'_> {
                 }
             }
         }
-        if !failed.is_empty() {
+        if !failed.is_clean() {
             return Ok(());
         }
         sequence.describe()?;
@@ -304,6 +309,7 @@ impl Work<'_> {
             self.note(&format!("{}: {RECORD} is not the one that manifest.json lists, which is written again", folder.display()));
         }
         file::write_atomic(&folder.join(RECORD), &bytes)?;
+        *failed = Failures::default();
         self.proven.insert(index);
         self.log.write(Event::Sequence { sequence: name, load, check: started.elapsed().as_secs_f64() });
         Ok(())
@@ -403,12 +409,12 @@ impl Work<'_> {
         self.progress.message(format!("{name}  {rate:.2} frames/s, {memory:.0} MiB{failed}"));
     }
 
-    fn fail(&mut self, name: &str, failure: Failure, failed: &mut Vec<Failure>) {
+    fn fail(&mut self, name: &str, failure: Failure, failed: &mut Failures) {
         let frame = failure.frame.map_or_else(String::new, |number| format!(" frame {number}"));
         self.progress.hide(|| eprintln!("error: {name}{frame}: {}", failure.error));
         self.log.write(Event::Failure { sequence: name, failure: &failure });
         self.summary.failed += 1;
-        failed.push(failure);
+        failed.add(failure);
         self.show(name);
     }
 

@@ -7,6 +7,7 @@ use super::render::{self, Summary};
 use super::shard::Shard;
 use crate::dataset::layout::{MANIFEST, PLAN};
 use crate::util::cancel::Cancel;
+use crate::util::files;
 use anyhow::{Context, Result, ensure};
 use renderflow_frame::file;
 use std::path::{Path, PathBuf};
@@ -63,10 +64,10 @@ pub fn repair(out: &Path, plan: Option<&Plan>, allowed: Allowed, stop: &Cancel) 
         let aside = set_aside(out, &path)?;
         eprintln!("note: {}: is not a file and was moved to {}", path.display(), aside.display());
     }
-    let before = file::read(&path).ok();
+    let before = files::hash(&path).ok();
     let own = Plan { allowed, ..own };
     repaired.summary = render::run_at(&own, out, Shard { index: 1, count: 1 }, (Depth::Pixels, &|_| true), stop)?;
-    if before != file::read(&path).ok() {
+    if before != files::hash(&path).ok() {
         repaired.rewritten.push(MANIFEST);
     }
     repaired.strangers = damage::strangers(&own, out)?;

@@ -5,6 +5,7 @@ use super::plan::{Plan, SPLITS};
 use super::record::Record;
 use super::statistics::{AXES, Axis, Statistics};
 use super::{contact, manifest};
+use crate::util::cancel::Cancel;
 use crate::util::picture;
 use crate::util::text::short;
 use anyhow::{Context, Result, ensure};
@@ -48,11 +49,15 @@ pub struct Numbers {
 }
 
 /// Reads the records of the complete sequences in `out`.
-pub fn numbers(out: &Path) -> Result<Numbers> {
+///
+/// # Errors
+/// When stopped, when there is no plan, when a record cannot be read, or when there is none.
+pub fn numbers(out: &Path, cancel: &Cancel) -> Result<Numbers> {
     let plan = Plan::read(&out.join("plan.json")).context("not a dataset folder")?;
     // Each record has the number of its folder beside it.
     let (mut records, mut places) = (Vec::new(), Vec::new());
     for index in 0..plan.total() {
+        cancel.check()?;
         let record = Record::read(&plan.folder(out, index))?;
         places.extend(record.as_ref().map(|_| index));
         records.extend(record);
@@ -60,6 +65,7 @@ pub fn numbers(out: &Path) -> Result<Numbers> {
     ensure!(!records.is_empty(), "{}: no sequence is complete yet", out.display());
     let mut statistics = Statistics::default();
     for record in &records {
+        cancel.check()?;
         statistics.add(&record.statistics);
     }
     let count = |title: &str, labels: &mut dyn Iterator<Item = String>| {
@@ -140,14 +146,19 @@ const PICTURES: [u32; 2] = [12, 192];
 /// and frames that cannot be read are left out.
 ///
 /// # Errors
-/// When there is no plan.
-pub fn pictures(out: &Path) -> Result<Vec<(String, Vec<u8>)>> {
+/// When stopped, or when there is no plan.
+pub fn pictures(out: &Path, cancel: &Cancel) -> Result<Vec<(String, Vec<u8>)>> {
     let plan = Plan::read(&out.join("plan.json")).context("not a dataset folder")?;
     let [most, side] = PICTURES;
-    let complete: Vec<u32> = (0..plan.total()).filter(|&index| plan.folder(out, index).join(RECORD).is_file()).collect();
+    let mut complete = Vec::new();
+    for index in 0..plan.total() {
+        cancel.check()?;
+        complete.extend(plan.folder(out, index).join(RECORD).is_file().then_some(index));
+    }
     let count = complete.len().min(most as usize);
     let mut found = Vec::new();
     for index in (0..count).map(|i| complete[i * complete.len() / count]) {
+        cancel.check()?;
         let path = plan.folder(out, index).join(layout::frame_file(0, plan.storage));
         match frame_file::read(&path) {
             Ok(frame) => {

@@ -142,8 +142,7 @@ pub fn verify(out: &Path, stop: &Cancel) -> Result<Verified> {
 fn manifest_of(found: &mut Verified, plan: &Plan, out: &Path, records: &[Option<Record>]) {
     let path = out.join(MANIFEST);
     let judge = || -> Result<Option<String>> {
-        let stored = file::read_at_most(&path, file::LARGEST_TEXT)?;
-        let manifest: Manifest = file::parse_json(&path, &stored)?;
+        let manifest: Manifest = file::read_long_json(&path, Manifest::largest(plan))?;
         if manifest.plan != plan.hash() {
             return Ok(Some("/plan: is of another plan".into()));
         }
@@ -151,7 +150,7 @@ fn manifest_of(found: &mut Verified, plan: &Plan, out: &Path, records: &[Option<
             Ok(corrected) => file::json(&path, &corrected)?,
             Err(error) => return Ok(Some(crate::util::console::message(&error))),
         };
-        Ok((stored != expected).then(|| "is not that of these sequences".into()))
+        Ok((!file::holds(&path, &expected)?).then(|| "is not that of these sequences".into()))
     };
     match judge() {
         Ok(None) => {}

@@ -6,6 +6,7 @@ use super::manifest::Manifest;
 use super::plan::SPLITS;
 use super::sequence::{Sequence, folders};
 use crate::dataset::layout::MANIFEST;
+use crate::util::files;
 use anyhow::{Result, bail, ensure};
 use renderflow_frame::file;
 use std::path::Path;
@@ -28,8 +29,8 @@ pub struct WholeDataset {
 /// are sequences that do not belong to the plan.
 pub fn open(dataset: &Path) -> Result<WholeDataset> {
     let path = dataset.join(MANIFEST);
-    let manifest = match file::read_at_most(&path, file::LARGEST_TEXT) {
-        Ok(bytes) => Some(bytes),
+    let manifest = match file::open(&path) {
+        Ok(_) => Some(files::hash(&path)?),
         Err(error) if error.is_missing() => None,
         Err(error) => return Err(error.into()),
     };
@@ -62,17 +63,17 @@ pub fn open(dataset: &Path) -> Result<WholeDataset> {
     if let Some(home) = home {
         let records = home.accept(&home.indices)?;
         let whole = home.root == dataset && records.len() == home.plan.total() as usize;
-        if let Some(bytes) = manifest.as_ref().filter(|_| whole) {
+        if manifest.is_some() && whole {
             let expected = file::json(&path, &Manifest::new(&home.plan, dataset, &records)?)?;
             ensure!(
-                expected == *bytes,
+                file::holds(&path, &expected)?,
                 "{}: is not that of its sequences; to repair it: {}",
                 path.display(),
                 damage::remedy(dataset)
             );
         }
     }
-    Ok(WholeDataset { sequences, manifest: manifest.map(|bytes| blake3::hash(&bytes).to_hex().to_string()) })
+    Ok(WholeDataset { sequences, manifest })
 }
 
 /// Checks that the name of a sequence will do in an archive: readers of archives cut names at the first dot, and some fail at

@@ -50,7 +50,8 @@ pub struct Options<'a> {
 pub fn run(options: &Options, out: &Path, cancel: &Cancel) -> Result<(String, Value)> {
     Lab::check(options)?;
     let about = json!({ "about": "experiments of renderflow paper" });
-    Claim::new(out, MARK, &about, "something else")?.write()?;
+    let claim = Claim::new(out, MARK, &about, "something else")?;
+    claim.write()?;
     let lab = Lab::new(options, out, cancel)?;
     let mut text = preface(options);
     let mut tables = Vec::new();

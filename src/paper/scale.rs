@@ -3,6 +3,7 @@
 use crate::dataset::denoise::Denoise;
 use crate::dataset::plan::{Keyframes, Plan, Render};
 use crate::dataset::planning;
+use crate::util::cancel::Cancel;
 use anyhow::{Context, Result};
 use renderflow_frame::frame_file::Profile;
 use renderflow_model::bridge::{Bridge, Times};
@@ -147,7 +148,7 @@ impl Scale {
             splits: Default::default(),
             allowed: Default::default(),
         };
-        plan.splits = planning::splits(&plan, None, None)?;
+        plan.splits = planning::splits(&plan, None, None, &Cancel::default())?;
         Ok(plan)
     }
 

@@ -3,6 +3,7 @@
 use anyhow::{Context, Result};
 use renderflow_frame::file;
 use std::collections::BTreeSet;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// The ending of a file's name in lower case, without the dot; empty where there is none.
@@ -60,6 +61,22 @@ pub fn hash(path: &Path) -> Result<String> {
     let mut hasher = blake3::Hasher::new();
     hasher.update_reader(file::open(path)?).map_err(renderflow_frame::Error::io(path, "read"))?;
     Ok(hasher.finalize().to_hex().to_string())
+}
+
+/// Whether `file` is what lies at `path`, and not a file or a folder that was removed.
+pub fn is_at(file: &File, path: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let number = |found: std::io::Result<std::fs::Metadata>| found.map(|found| (found.dev(), found.ino())).ok();
+        number(file.metadata()).is_some_and(|own| number(std::fs::metadata(path)) == Some(own))
+    }
+    #[cfg(not(unix))]
+    {
+        // Files have no numbers here, so another file that lies there now counts as the same.
+        let _ = file;
+        path.exists()
+    }
 }
 
 #[cfg(test)]

@@ -1,12 +1,14 @@
 //! Decides what may be written before the first byte is written. The user's files stay, unless the user asks to replace them. A
 //! folder is written to only if it is empty or holds the mark of work that continues.
 
-use anyhow::{Context, Result, bail};
+use super::files;
+use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::file;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::fs::{File, TryLockError};
 use std::path::{Component, Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Said after the reason by commands with the option `--overwrite`.
 pub const OVERWRITE: &str = "choose another path, or use --overwrite to replace it";
@@ -86,11 +88,91 @@ pub fn resolved(path: &Path) -> Result<PathBuf> {
 }
 
 /// The right to write to a folder: a file (the mark) that says what the folder holds. It is checked at once, and written before
-/// the first other file.
+/// the first other file. While the claim lives, no other process can claim the folder.
 pub struct Claim {
     path: PathBuf,
+    held: Mutex<Held>,
+}
+
+/// What a [`Claim`] has so far.
+struct Held {
     /// The bytes of the mark, until they are written.
-    mark: Mutex<Option<Vec<u8>>>,
+    mark: Option<Vec<u8>>,
+    hold: Hold,
+}
+
+/// Keeps other processes from a folder for as long as it lives.
+pub struct Hold {
+    folder: PathBuf,
+    /// Whether there was no folder.
+    missing: bool,
+    /// Whether the folder was made since.
+    made: bool,
+    /// `None` while there is no folder, and where folders cannot be locked.
+    lock: Option<File>,
+}
+
+impl Hold {
+    /// Holds the folder, if there is one. Nothing is written.
+    ///
+    /// # Errors
+    /// When another process holds it.
+    pub fn new(folder: &Path) -> Result<Self> {
+        let lock = lock(folder)?;
+        Ok(Self { folder: folder.to_owned(), missing: !exists(folder), made: false, lock })
+    }
+
+    /// Makes the folder, if there was none. Must be called before the first file is written.
+    ///
+    /// # Errors
+    /// When it cannot be made, or when another process wrote to it meanwhile.
+    pub fn begin(&mut self) -> Result<()> {
+        self.begin_beside(|| Ok(false))
+    }
+
+    /// As [`begin`](Self::begin), but `known` may accept what is in the folder.
+    fn begin_beside(&mut self, known: impl FnOnce() -> Result<bool>) -> Result<()> {
+        if !self.missing || self.made {
+            return Ok(());
+        }
+        let folder = self.folder.display();
+        std::fs::create_dir_all(&self.folder).with_context(|| format!("{folder}: cannot create folder"))?;
+        self.lock = lock(&self.folder)?;
+        ensure!(
+            is_empty(&self.folder)? || known()?,
+            "{folder}: another process has written to this folder; run the same command again"
+        );
+        self.made = true;
+        Ok(())
+    }
+}
+
+impl Drop for Hold {
+    fn drop(&mut self) {
+        if self.made {
+            // Only an empty folder is removed: then the work was refused after all.
+            let _ = std::fs::remove_dir(&self.folder);
+        }
+    }
+}
+
+/// Locks a folder itself, so that no other file is needed. The lock ends with the process. `None` where there is no folder, and
+/// where there are no locks, as on some network file systems.
+fn lock(folder: &Path) -> Result<Option<File>> {
+    // Elsewhere folders are not opened as files.
+    while cfg!(unix) && folder.is_dir() {
+        let Ok(file) = File::open(folder) else { break };
+        match file.try_lock() {
+            Ok(()) if files::is_at(&file, folder) => return Ok(Some(file)),
+            // The process that held it removed it meanwhile.
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                bail!("{}: another process writes to this folder; wait for its end, or choose another folder", folder.display())
+            }
+            Err(TryLockError::Error(_)) => break,
+        }
+    }
+    Ok(None)
 }
 
 impl Claim {
@@ -98,7 +180,7 @@ impl Claim {
     /// the folder holds `other`.
     ///
     /// # Errors
-    /// When the mark differs or cannot be read, or when the folder holds other files.
+    /// When the mark differs or cannot be read, when the folder holds other files, or when another process has claimed it.
     pub fn new<R: Serialize + DeserializeOwned + PartialEq>(out: &Path, name: &str, record: &R, other: &str) -> Result<Self> {
         let claim = Self::agreed(out, name, record, |there| {
             anyhow::ensure!(there == record, "the folder holds {other}; choose another folder");
@@ -106,7 +188,7 @@ impl Claim {
         })?;
         // The mark is there already, perhaps written a little differently.
         if exists(&claim.path) {
-            *claim.mark.lock().unwrap_or_else(PoisonError::into_inner) = None;
+            claim.held().mark = None;
         }
         Ok(claim)
     }
@@ -123,22 +205,29 @@ impl Claim {
         agrees: impl FnOnce(&R) -> Result<()>,
     ) -> Result<Self> {
         let path = out.join(name);
+        let hold = Hold::new(out)?;
         if exists(&path) {
             agrees(&file::read_json(&path)?).with_context(|| path.display().to_string())?;
         } else if !is_empty(out)? {
             bail!("{}: not empty, and no {name} says what made its files; choose another folder", out.display());
         }
-        let mark = file::json(&path, record)?;
-        Ok(Self { path, mark: Mutex::new(Some(mark)) })
+        let mark = Some(file::json(&path, record)?);
+        Ok(Self { path, held: Mutex::new(Held { mark, hold }) })
+    }
+
+    fn held(&self) -> MutexGuard<'_, Held> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Writes the mark, once. Must be called before the first other file is written.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// When it cannot be written, or when another process claimed the folder before it was there.
     pub fn write(&self) -> Result<()> {
-        let mut mark = self.mark.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(bytes) = &*mark {
+        let mut held = self.held();
+        let Held { mark, hold } = &mut *held;
+        if let Some(bytes) = mark {
+            hold.begin_beside(|| Ok(exists(&self.path) && file::holds(&self.path, bytes)?))?;
             file::write_atomic(&self.path, bytes)?;
             *mark = None;
         }
@@ -204,12 +293,50 @@ mod tests {
         let first = claim(1).unwrap();
         assert!(!out.exists(), "nothing is written before it is needed");
         first.write().unwrap();
+        drop(first);
         std::fs::write(out.join("x"), b"x").unwrap();
         claim(1).unwrap().write().unwrap();
         let refused = crate::util::console::message(&claim(2).map(drop).unwrap_err());
         assert!(refused.contains("mark.json: the folder holds other things"), "{refused}");
         std::fs::remove_file(out.join("mark.json")).unwrap();
         assert!(crate::util::console::message(&claim(1).map(drop).unwrap_err()).contains("not empty"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn one_claim_at_a_time_holds_a_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("out");
+        let claim = |record: u32| Claim::new(&out, "mark.json", &record, "other things");
+        let taken = |result: Result<()>| assert!(result.unwrap_err().to_string().contains("another process writes"));
+        // All of them find no folder.
+        let [first, second, third] = [1, 1, 2].map(|record| claim(record).unwrap());
+        first.write().unwrap();
+        first.write().unwrap();
+        taken(second.write());
+        taken(claim(1).map(drop));
+        drop(first);
+        // Its work goes on, other work does not begin beside it.
+        assert!(third.write().unwrap_err().to_string().contains("another process has written"));
+        drop(third);
+        second.write().unwrap();
+        taken(claim(1).map(drop));
+        drop(second);
+        claim(1).unwrap().write().unwrap();
+        assert_eq!(std::fs::read_dir(&out).unwrap().count(), 1);
+
+        // A folder that stays empty goes with its hold.
+        let inner = out.join("inner");
+        let mut hold = Hold::new(&inner).unwrap();
+        hold.begin().unwrap();
+        taken(Hold::new(&inner).map(drop));
+        drop(hold);
+        assert!(!inner.exists());
+        let mut hold = Hold::new(&inner).unwrap();
+        hold.begin().unwrap();
+        std::fs::write(inner.join("x"), b"x").unwrap();
+        drop(hold);
+        assert!(inner.join("x").exists() && Hold::new(&inner).is_ok());
     }
 
     #[cfg(unix)]

@@ -3,13 +3,15 @@
 
 use crate::{Error, Result};
 use std::fs::File;
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// Largest size in bytes of a file that is read whole: frames, maps, models, weights.
 pub const LARGEST: u64 = 8 << 30;
-/// Largest size in bytes of a text: descriptions, records, manifests, plans, logs.
+/// Largest size in bytes of a text that is read whole: descriptions, records, plans, a line of a log.
 pub const LARGEST_TEXT: u64 = 256 << 20;
+/// Longest line in bytes of a larger JSON file: this program writes one number or one text on a line.
+const LONGEST_LINE: u64 = 1 << 20;
 
 /// Opens a regular file for reading. Pipes, sockets, devices and folders are refused without waiting for them.
 ///
@@ -78,6 +80,44 @@ pub fn read_text(path: &Path) -> Result<String> {
     })
 }
 
+/// The lines of a regular file, for files that grow without a bound, such as logs: at most [`LARGEST`] bytes of it are read.
+/// Lines that are longer than [`LARGEST_TEXT`] or not UTF-8 are left out, and a byte order mark is skipped.
+///
+/// # Errors
+/// As [`open`].
+pub fn lines(path: &Path) -> Result<impl Iterator<Item = String> + use<>> {
+    Ok(Lines { reader: BufReader::new(open(path)?.take(LARGEST)), longest: LARGEST_TEXT })
+}
+
+/// Lines of at most `longest` bytes.
+struct Lines<R> {
+    reader: R,
+    longest: u64,
+}
+
+impl<R: BufRead> Iterator for Lines<R> {
+    type Item = String;
+
+    /// The next line without its end; `None` also where the rest cannot be read.
+    fn next(&mut self) -> Option<String> {
+        loop {
+            let mut line = Vec::new();
+            if self.reader.by_ref().take(self.longest + 1).read_until(b'\n', &mut line).ok()? == 0 {
+                return None;
+            }
+            if line.last() == Some(&b'\n') {
+                line.pop();
+            } else if line.len() as u64 > self.longest {
+                self.reader.skip_until(b'\n').ok()?;
+                continue;
+            }
+            if let Ok(text) = String::from_utf8(line) {
+                return Some(text.strip_prefix('\u{feff}').map(str::to_owned).unwrap_or(text));
+            }
+        }
+    }
+}
+
 /// Beginning and end of the names of temporary files, with six letters and digits between them.
 const DRAFT: [&str; 2] = [".renderflow-", ".tmp"];
 
@@ -141,6 +181,20 @@ impl Draft {
         self.close()?;
         self.temporary.persist(&self.path).map_err(|e| Error::io(&self.path, "rename")(e.error))
     }
+
+    /// Moves the file to its destination, unless another file is there. Returns whether it was moved.
+    ///
+    /// # Errors
+    /// As [`finish`](Self::finish).
+    fn finish_as_first(mut self) -> Result<bool> {
+        self.close()?;
+        match self.temporary.persist_noclobber(&self.path) {
+            Ok(()) => Ok(true),
+            Err(e) if e.error.kind() == std::io::ErrorKind::AlreadyExists => Ok(false),
+            // Some file systems can only replace.
+            Err(e) => e.path.persist(&self.path).map(|()| true).map_err(|e| Error::io(&self.path, "rename")(e.error)),
+        }
+    }
 }
 
 impl Write for Draft {
@@ -187,6 +241,17 @@ pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
     draft.finish()
 }
 
+/// As [`write_atomic`], but a file that is there stays. Returns whether the file was written. Of two processes that write at the
+/// same time, one does, as far as the file system can tell them apart.
+///
+/// # Errors
+/// As [`write_atomic`].
+pub fn write_first(path: &Path, bytes: &[u8]) -> Result<bool> {
+    let mut draft = Draft::new(path)?;
+    draft.write_all(bytes).map_err(Error::io(path, "write"))?;
+    draft.finish_as_first()
+}
+
 /// Whether the file at `path` holds exactly `bytes`.
 ///
 /// # Errors
@@ -213,6 +278,51 @@ pub fn holds(path: &Path, bytes: &[u8]) -> Result<bool> {
 /// When the file cannot be read, or does not hold a `T`; the message gives file, line and column.
 pub fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
     parse_json(path, &read_at_most(path, LARGEST_TEXT)?)
+}
+
+/// As [`read_json`], but a file that [`write_json`] wrote may have up to `limit` bytes. One that is larger than [`LARGEST_TEXT`]
+/// is not held in memory, and its lines must be short.
+///
+/// # Errors
+/// As [`read_json`]; when the file is larger than `limit`, or a line of a large one is too long.
+pub fn read_long_json<T: serde::de::DeserializeOwned>(path: &Path, limit: u64) -> Result<T> {
+    read_json_in_lines(path, [LARGEST_TEXT, limit.max(LARGEST_TEXT)], LONGEST_LINE)
+}
+
+/// [`read_long_json`] with the sizes of files that are read whole, and in lines of at most `longest` bytes.
+fn read_json_in_lines<T: serde::de::DeserializeOwned>(path: &Path, [whole, limit]: [u64; 2], longest: u64) -> Result<T> {
+    let file = open(path)?;
+    let length = file.metadata().map_err(Error::io(path, "read"))?.len();
+    if length <= whole {
+        return parse_json(path, &read_at_most(path, whole)?);
+    }
+    if length > limit {
+        return Err(Error::malformed(path, format!("larger than the {limit} bytes that are read of such a file")));
+    }
+    let reader = ShortLines { reader: file.take(limit), longest, line: 0 };
+    serde_json::from_reader(BufReader::new(reader))
+        .map_err(|error| Error::malformed(path, crate::words::plain(&error.to_string())))
+}
+
+/// Fails where a line is longer than `longest` bytes, so that no text in it can be longer.
+struct ShortLines<R> {
+    reader: R,
+    longest: u64,
+    /// Bytes of the line so far.
+    line: u64,
+}
+
+impl<R: Read> Read for ShortLines<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.reader.read(buffer)?;
+        for &byte in &buffer[..count] {
+            self.line = if byte == b'\n' { 0 } else { self.line + 1 };
+            if self.line > self.longest {
+                return Err(std::io::Error::other(format!("a line has more than {} bytes", self.longest)));
+            }
+        }
+        Ok(count)
+    }
 }
 
 /// [`read_json`] from memory; errors give `name` as the path.
@@ -295,6 +405,16 @@ mod tests {
     }
 
     #[test]
+    fn the_first_file_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new/x");
+        assert!(write_first(&path, b"first").unwrap());
+        assert!(!write_first(&path, b"second").unwrap());
+        assert_eq!(std::fs::read(&path).unwrap(), b"first");
+        assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1);
+    }
+
+    #[test]
     fn only_own_leftovers_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let others = [".abc.tmp", ".renderflow-abc.tmp", ".renderflow-abc_12.tmp", "renderflow-abc123.tmp", ".renderflow-abc123"];
@@ -309,6 +429,34 @@ mod tests {
         let mut expected = [&others[..], &[".renderflow-folder.tmp"]].concat();
         expected.sort_unstable();
         assert_eq!(left, expected);
+    }
+
+    #[test]
+    fn lines_are_read_one_by_one() {
+        let lines = |bytes: &[u8]| Lines { reader: bytes, longest: 4 }.collect::<Vec<String>>();
+        assert_eq!(lines(b"a\n\n1234\n12345\n\xffb\nlast"), ["a", "", "1234", "last"]);
+        assert_eq!(lines(b"123456789\r\nab\r\n1234"), ["ab\r", "1234"]);
+        assert_eq!(lines("\u{feff}a\n12345".as_bytes()), ["a"]);
+        assert!(lines(b"").is_empty());
+    }
+
+    #[test]
+    fn large_files_of_json_are_read_in_lines() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.json");
+        let numbers: Vec<u32> = (0..100).collect();
+        write_json(&path, &numbers).unwrap();
+        let length = std::fs::metadata(&path).unwrap().len();
+        let read = |sizes, longest| read_json_in_lines::<Vec<u32>>(&path, sizes, longest).map_err(|e| e.to_string());
+        assert_eq!(read([8, length], 8).unwrap(), numbers);
+        assert!(read([8, length - 1], 8).unwrap_err().contains("larger than"));
+        assert!(read([8, length], 4).unwrap_err().contains("a line has more than 4 bytes"));
+        // Whole files may have any lines.
+        assert_eq!(read([length, length], 1).unwrap(), numbers);
+        std::fs::write(&path, "[\n1,\n2\n").unwrap();
+        assert!(read([4, 100], 8).unwrap_err().contains("line"));
+        std::fs::write(&path, "[\n1,\n2\n]\nx").unwrap();
+        assert!(read([4, 100], 8).is_err());
     }
 
     #[test]

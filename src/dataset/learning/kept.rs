@@ -5,6 +5,7 @@
 //! the high byte of every number and then the low byte, which makes them a third smaller.
 
 use super::Indexed;
+use crate::util::files::is_at;
 use anyhow::{Context, Result, ensure};
 use half::f16;
 use rayon::prelude::*;
@@ -50,22 +51,6 @@ impl Claim {
                 Err(TryLockError::Error(_)) => return Some(Self { lock: None }),
             }
         }
-    }
-}
-
-/// Whether `file` is what lies at `path`, and not a file that was removed.
-fn is_at(file: &File, path: &Path) -> bool {
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::MetadataExt;
-        let number = |found: std::io::Result<std::fs::Metadata>| found.map(|found| (found.dev(), found.ino())).ok();
-        number(file.metadata()).is_some_and(|own| number(std::fs::metadata(path)) == Some(own))
-    }
-    #[cfg(not(unix))]
-    {
-        // Files have no numbers here. If another process has put a new file there, a sequence may be made twice.
-        let _ = file;
-        path.exists()
     }
 }
 

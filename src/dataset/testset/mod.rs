@@ -141,6 +141,7 @@ fn check_scenes(set: TestSet, plans: &[(&str, Plan)]) -> Result<()> {
 mod tests {
     use super::*;
     use crate::dataset::plan::{SPLITS, Splits};
+    use crate::util::cancel::Cancel;
 
     #[test]
     fn the_scenes_are_those_of_the_published_set() {
@@ -157,7 +158,7 @@ mod tests {
         for seed in [1, 77] {
             let (_, mut plan) = sets[0].clone();
             (plan.seed, plan.splits) = (seed, Splits::default());
-            let splits = planning::splits(&plan, None, None).unwrap();
+            let splits = planning::splits(&plan, None, None, &Cancel::default()).unwrap();
             for split in &SPLITS[..2] {
                 let learnt = splits.of(*split);
                 assert!(!learnt.mesh_families.is_empty());
