@@ -1,12 +1,9 @@
 //! The camera that the page moves, in the form that scene files have. What the page does not change stays as the scene has it:
 //! the lens, the principal point, and the motion of a camera that was not moved.
 
-use super::state::{State, Viewpoint, fitting};
+use super::state::{FIELDS, State, Viewpoint, fitting};
 use glam::{DMat3, DVec3};
 use renderflow_scenes::description::{CameraFrame, CameraPath, Pose, Scene, same_shape};
-
-/// Fields of view that the page can show, degrees.
-pub const FIELDS: std::ops::RangeInclusive<f32> = 1.0..=170.0;
 
 /// The camera of the first frame as the page sees it.
 pub fn viewpoint(scene: &Scene) -> Viewpoint {

@@ -1,6 +1,5 @@
 //! What the page and the program say to each other. All text messages are JSON; their `type` tells which one it is.
 
-use super::camera;
 use super::method::{Method, Side};
 use anyhow::ensure;
 use serde::de::Error;
@@ -9,6 +8,8 @@ use std::collections::BTreeMap;
 
 /// Sides of pictures, pixels. A page has no room for more.
 const SIZE: std::ops::RangeInclusive<u32> = 16..=2048;
+/// Fields of view that the page can show, degrees.
+pub const FIELDS: std::ops::RangeInclusive<f32> = 1.0..=170.0;
 /// Exposure of the page beside the scene's own, stops.
 const STOPS: f32 = 16.0;
 /// Samples per pixel that the network may be given.
@@ -134,7 +135,7 @@ impl State {
         let finite = eye.iter().chain(target).all(|v| v.is_finite() && v.abs() < 1e9) && up.iter().all(|v| v.is_finite());
         ensure!(finite, "the camera is at no place of this world");
         ensure!(eye != target, "the camera is where it looks");
-        ensure!(camera::FIELDS.contains(&self.camera.vertical_fov), "a field of view of {} degrees", self.camera.vertical_fov);
+        ensure!(FIELDS.contains(&self.camera.vertical_fov), "a field of view of {} degrees", self.camera.vertical_fov);
         ensure!(self.rotation.is_finite() && self.rotation.abs() < 1e6, "a rotation of {} degrees", self.rotation);
         ensure!(self.resolution.iter().all(|side| SIZE.contains(side)), "a picture of {:?} pixels", self.resolution);
         ensure!(RAYS.contains(&self.rays), "{} samples", self.rays);
