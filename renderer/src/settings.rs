@@ -227,9 +227,9 @@ impl Settings {
 
     /// The number of equal shares of a pixel, and of a lobe, of which sample `number` covers one: textures are filtered over it.
     ///
-    /// Where nobody knows how many samples there will be, it follows those up to this one, in powers of two: with the shares of
-    /// the most that are allowed, textures would be sampled far more finely than the samples there are can average. The shares of
-    /// most samples of a pixel are nevertheless as small as their number asks for, so the picture converges to the same one.
+    /// With a budget of error or time, nobody knows how many samples there will be. The shares then follow from the samples up to
+    /// this one, rounded up to a power of two. If they followed from the largest number that is allowed, a few samples would look
+    /// textures up too finely, and the picture would be noisy. Later samples have smaller shares, so it converges all the same.
     pub(crate) fn shares(&self, number: u32) -> u32 {
         match self.budget {
             Budget::Uniform | Budget::Average => self.spp,

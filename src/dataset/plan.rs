@@ -339,7 +339,7 @@ impl Plan {
         self.check_splits()
     }
 
-    /// What it asks for in vain: one sentence each, with the place in the plan.
+    /// What the plan asks for without effect: one sentence each, with the place in the plan.
     pub fn idle(&self) -> Vec<String> {
         const COMPACT: &str = "compact frames do not hold them";
         const BARE: &str = "with /render/spp 0 no frame has a picture";

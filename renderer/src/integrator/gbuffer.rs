@@ -261,7 +261,7 @@ impl<F: Features> TilePass<'_, '_, F> {
         self.look_at((0..count).map(|at| wanted[at].then(|| point(at))), (&mut hits, &mut passed));
         for (at, hit) in hits.iter().enumerate().take(count) {
             if passed[at] {
-                // Beside the hole is what has it: neither this nor what lies behind is all that the pixel sees.
+                // The surface with the hole is near, so the pixel may see both it and what lies behind.
                 corners[at] = Corner::Textured;
                 continue;
             }

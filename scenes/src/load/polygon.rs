@@ -7,8 +7,8 @@ const MOST_CORNERS: usize = 1 << 12;
 /// Overlap of a fan's triangles that may come from rounding, as a share of the square of the longest diagonal from its corner.
 const ROUNDING: f64 = 1e-6;
 
-/// Adds the triangles of a face to `triangles`: a fan from its first corner, or, where the triangles of that one would overlap or
-/// leave the face, as they can where it is not convex, triangles that do not. Corners without a vertex are for others to find.
+/// Adds the triangles of a face to `triangles`. They are a fan from the first corner where that fits. If the face is not convex,
+/// a fan may overlap itself or leave the face, and it is cut by its ears instead. Numbers without a vertex are not checked here.
 pub(super) fn cut(face: &[u32], positions: &[Vec3], triangles: &mut Vec<[u32; 3]>) {
     if face.len() > 3
         && face.len() <= MOST_CORNERS

@@ -32,8 +32,8 @@ pub(super) struct CausticCaster {
     pub radius: f32,
     /// Paths for one sample a pixel.
     pub paths: u32,
-    /// Number of the first path, and the sample that it belongs to: other than 0 behind moments of a shutter that had other
-    /// numbers of paths.
+    /// Number of the first path, and the sample that it belongs to. Both are 0 but for a shutter, where they count on from moment
+    /// to moment.
     first: (u64, u32),
 }
 
@@ -180,8 +180,8 @@ impl CausticCasters {
         (!list.is_empty()).then_some(Self { list, of_instance, environment })
     }
 
-    /// Lets the paths of each body, for `samples` on, be numbered behind those that `traced` counts by instance, and counts those
-    /// of `samples` there. Without it, moments with fewer paths than those before would use some random numbers again.
+    /// Numbers the paths of each body from `samples` on after the paths that `traced` has counted for its instance, and adds
+    /// those of `samples` to the count. Otherwise a moment with fewer paths than the one before would use random numbers twice.
     pub fn go_on(&mut self, traced: &mut Vec<u64>, samples: &Range<u32>) {
         traced.resize(self.of_instance.len(), 0);
         for caster in &mut self.list {
