@@ -138,7 +138,7 @@ fn main() -> std::result::Result<(), Box<dyn std::error::Error>> {
         [("half", renderflow_model::weights::Precision::F16), ("single", renderflow_model::weights::Precision::F32)]
     {
         use renderflow_model::fusion::{Fusion, FusionConfig};
-        let fusion = Fusion::untrained(&FusionConfig { widths: [16; 4], separate: true }, 1)?;
+        let fusion = Fusion::untrained(&FusionConfig { widths: [16; 4], ..FusionConfig::default() }, 1)?;
         put("weights", &format!("{name}.safetensors"), &fusion.encode(precision)?)?;
     }
     Ok(())

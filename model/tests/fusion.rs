@@ -20,6 +20,7 @@ use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record};
 #[cfg(feature = "vulkan")]
 use renderflow_model::ops::Products;
+use renderflow_model::parameters::Parameter;
 use renderflow_model::train::runner::{Progress, RunContext, Summary, Validation};
 use renderflow_model::train::{RunConfig, Team};
 use renderflow_model::weights::Precision;
@@ -84,7 +85,7 @@ impl Source for Toy {
 
 fn config(output: &Path, steps: u64) -> Config {
     Config {
-        network: FusionConfig { widths: SMALL, separate: true },
+        network: FusionConfig { widths: SMALL, ..FusionConfig::default() },
         run: RunConfig {
             output: output.into(),
             steps,
@@ -292,7 +293,7 @@ fn random() -> Fusion {
 
 /// As [`random`], with or without a U-Net of its own for frames without samples.
 fn random_of(separate: bool) -> Fusion {
-    let untrained = Fusion::untrained(&FusionConfig { widths: SMALL, separate }, 7).unwrap();
+    let untrained = Fusion::untrained(&FusionConfig { widths: SMALL, separate, ..FusionConfig::default() }, 7).unwrap();
     let mut rng = Pcg64Mcg::seed_from_u64(5);
     let mut parameters = untrained.parameters();
     for parameter in &mut parameters {
@@ -377,7 +378,7 @@ fn what_is_not_given_has_no_part() {
 #[test]
 fn one_network_becomes_two() {
     let (joint, folder) = (random_of(false), tempfile::tempdir().unwrap());
-    let both = FusionConfig { widths: SMALL, separate: true };
+    let both = FusionConfig { widths: SMALL, ..FusionConfig::default() };
     let apart = joint.fitted(&both).unwrap();
     assert_eq!((apart.header().fusion.clone(), both.values()), (both.clone(), count(&apart)));
     assert_eq!(FusionConfig { separate: false, ..both.clone() }.values(), count(&joint));
@@ -386,10 +387,8 @@ fn one_network_becomes_two() {
     for record in [&traced, &plain] {
         assert!(joint.render(record).unwrap() == apart.render(record).unwrap());
     }
-    for other in [FusionConfig { separate: false, ..both.clone() }, FusionConfig { widths: [16, 16, 16, 32], ..both.clone() }] {
-        let error = apart.fitted(&other).unwrap_err().to_string();
-        assert!(error.contains("another network"), "{error}");
-    }
+    let error = apart.fitted(&FusionConfig { separate: false, ..both.clone() }).unwrap_err().to_string();
+    assert!(error.contains("another network"), "{error}");
 
     let config = Config { tiers: vec!["deferred".into(), "deferred+keys".into()], ..config(folder.path(), 3) };
     let summary = learn_from(&config, Some(&joint), &[], &NetworkDevice::cpu(), u64::MAX);
@@ -399,6 +398,49 @@ fn one_network_becomes_two() {
     let before = Fusion::load(&halved).unwrap();
     assert!(before.render(&traced).unwrap() == learned.render(&traced).unwrap());
     assert!(before.render(&plain).unwrap() != learned.render(&plain).unwrap());
+}
+
+/// Weights of a small network may be the start of a larger one. It gives the same pictures, and all that is added learns.
+#[test]
+fn a_network_grows() {
+    let larger = |plain_widths| FusionConfig { widths: [32, 16, 48, 32], refines: [1, 3, 2, 2], separate: true, plain_widths };
+    let traced = toy(3);
+    let plain = Record { parts: [0; PARTS], neighbours: [0; NEIGHBOURS], ..traced.clone() };
+    for (separate, plain_widths) in [(true, Some(SMALL)), (true, None), (false, Some([16, 32, 16, 48]))] {
+        let (small, config) = (random_of(separate), larger(plain_widths));
+        let large = small.fitted(&config).unwrap();
+        assert_eq!(count(&large), config.values());
+        for record in [&traced, &plain] {
+            let (before, after) = (small.render(record).unwrap(), large.render(record).unwrap());
+            let far =
+                |(a, b): (&[f32; 3], &[f32; 3])| (0..3).map(|c| (a[c] - b[c]).abs() / (1.0 + b[c].abs())).fold(0.0, f32::max);
+            let farthest = before.iter().zip(&after).map(far).fold(0.0, f32::max);
+            assert!(farthest < 1e-4, "{farthest}");
+        }
+        let error = large.fitted(&small.header().fusion).unwrap_err().to_string();
+        assert!(error.contains("another network"), "{error}");
+        let fewer = FusionConfig { refines: [1, 2, 2, 2], ..config };
+        assert!(large.fitted(&fewer).is_err());
+    }
+
+    let folder = tempfile::tempdir().unwrap();
+    let run = Config { network: larger(Some(SMALL)), ..config(folder.path(), 4) };
+    let small = random();
+    let summary = learn_from(&run, Some(&small), &[], &NetworkDevice::cpu(), u64::MAX);
+    let (before, after) =
+        (small.fitted(&run.network).unwrap().parameters(), Fusion::load(&summary.weights).unwrap().parameters());
+    for name in ["down.1.more.1.weight", "up.0.more.0.weight", "enter.1.weight", "fine.weight"] {
+        let of = |parameters: &[Parameter]| {
+            parameters.iter().find(|found| found.name == format!("sampled.{name}")).unwrap().values.clone()
+        };
+        let (before, after) = (of(&before), of(&after));
+        let (zeros, left) = before
+            .iter()
+            .zip(&after)
+            .filter(|(v, _)| **v == 0.0)
+            .fold((0, 0), |(zeros, left), (_, v)| (zeros + 1, left + usize::from(*v == 0.0)));
+        assert!(zeros > 100 && 4 * left < 3 * zeros, "{name}: {left} of {zeros}");
+    }
 }
 
 /// Number of values in the parameters of a network.
@@ -423,8 +465,7 @@ fn weights_files_come_back_and_hostile_ones_do_not() {
 
     // A header that asks for more than the file has is refused before anything is made.
     let bytes = std::fs::read(&path).unwrap();
-    let text = String::from_utf8_lossy(&bytes[..400]).into_owned();
-    let at = text.find("[16,16,16,16]").expect("the widths stand in the header");
+    let at = bytes.windows(13).position(|part| part == b"[16,16,16,16]").expect("the widths stand in the header");
     let mut larger = bytes.clone();
     larger[at..at + 13].copy_from_slice(b"[96,96,96,96]");
     std::fs::write(&path, &larger).unwrap();

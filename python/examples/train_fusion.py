@@ -27,6 +27,7 @@ import torch
 import torch.distributed as dist
 from renderflow.fusion import Batch, Batches, Fusion, LossWeights, Sequence, loss, prefetch, psnr, sequence_files
 from renderflow.fusion.batches import TIERS
+from renderflow.fusion.network import WIDTHS
 from torch.nn.parallel import DistributedDataParallel
 
 INTERRUPTED = 75
@@ -59,7 +60,7 @@ def options(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--out", type=Path, required=True, help="output folder")
     parser.add_argument("--validate", help="folder of sequences whose last frames the averaged weights are validated on")
     group = parser.add_argument_group("network")
-    group.add_argument("--widths", type=int, nargs=4, default=[48, 64, 96, 128], help="channels of the four levels")
+    group.add_argument("--widths", type=int, nargs=4, help="channels of the four levels (48 64 96 128, or those of --from)")
     group.add_argument("--from", dest="start", type=Path, help="weights to begin with; `shipped` for those in the program")
     group.add_argument("--seed", type=int, default=1, help="seed of the initial weights and of the crops")
     group = parser.add_argument_group("optimisation")
@@ -138,11 +139,12 @@ class Run:
         self.checkpoint = given.out / "checkpoint.pt"
         self.step, self.elapsed = 0, 0.0
         if given.start is None:
-            model = Fusion(given.widths, given.seed)
+            model = Fusion(given.widths or WIDTHS, given.seed)
         else:
             model = Fusion.shipped() if str(given.start) == "shipped" else Fusion.load(given.start)
-            if list(model.widths) != given.widths:
-                sys.exit(f"--from {given.start}: has the widths {' '.join(map(str, model.widths))}; pass them as --widths")
+            if given.widths not in (None, list(model.widths)):
+                sys.exit(f"--from {given.start}: has the widths {' '.join(map(str, model.widths))}; pass no other --widths")
+        given.widths = list(model.widths)
         self.model = model.to(processes.device)
         self.average = copy.deepcopy(self.model).requires_grad_(False)
         kernels = [p for p in self.model.parameters() if p.ndim > 1]

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use renderflow::dataset::learning::kept;
 use renderflow_model::fusion::batch::{self, Augmentation, TIERS, Window};
-use renderflow_model::fusion::graph::{FusionConfig, LEVELS, MULTIPLE};
+use renderflow_model::fusion::graph::{FusionConfig, MULTIPLE};
 use renderflow_model::fusion::head::{self, KERNEL};
 use renderflow_model::fusion::loss::LossWeights;
 use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PixelInputs, Record, Selection, TERMS};
@@ -173,8 +173,10 @@ pub struct Network {
     network: Fusion,
 }
 
-fn header(widths: [usize; LEVELS], separate: bool, steps: u64, seed: u64) -> Header {
-    Header { fusion: FusionConfig { widths, separate }, steps, seed }
+/// The header of a network of the configuration `config`, which is JSON as in configurations of training.
+fn header(config: &str, steps: u64, seed: u64) -> PyResult<Header> {
+    let fusion: FusionConfig = serde_json::from_str(config).map_err(|error| PyValueError::new_err(error.to_string()))?;
+    Ok(Header { fusion, steps, seed })
 }
 
 #[pymethods]
@@ -188,20 +190,14 @@ impl Network {
 
     /// Random weights, which the program begins with in a run with this seed.
     #[staticmethod]
-    fn untrained(widths: [usize; LEVELS], separate: bool, seed: u64) -> PyResult<Self> {
-        Ok(Self { network: Fusion::fresh(header(widths, separate, 0, seed)).map_err(failed)? })
+    fn untrained(config: &str, seed: u64) -> PyResult<Self> {
+        Ok(Self { network: Fusion::fresh(header(config, 0, seed)?).map_err(failed)? })
     }
 
     /// The network with the parameters in arrays, whose names and shapes must be those of [`Self::parameters`].
     #[staticmethod]
-    fn of(
-        widths: [usize; LEVELS],
-        separate: bool,
-        steps: u64,
-        seed: u64,
-        arrays: HashMap<String, PyReadonlyArrayDyn<'_, f32>>,
-    ) -> PyResult<Self> {
-        let fresh = Fusion::fresh(header(widths, separate, steps, seed)).map_err(failed)?;
+    fn of(config: &str, steps: u64, seed: u64, arrays: HashMap<String, PyReadonlyArrayDyn<'_, f32>>) -> PyResult<Self> {
+        let fresh = Fusion::fresh(header(config, steps, seed)?).map_err(failed)?;
         let mut parameters = Vec::new();
         for Parameter { name, shape, .. } in fresh.parameters() {
             let array = arrays.get(&name).ok_or_else(|| PyValueError::new_err(format!("{name}: missing")))?;
@@ -217,16 +213,10 @@ impl Network {
         Ok(Self { network: Fusion::with_parameters(fresh.header().clone(), &parameters).map_err(failed)? })
     }
 
-    /// Channels of each level, finest first.
+    /// Size of the network, in JSON as in configurations of training.
     #[getter]
-    fn widths(&self) -> [usize; LEVELS] {
-        self.network.header().fusion.widths
-    }
-
-    /// Whether frames without samples have a U-Net of their own.
-    #[getter]
-    fn separate(&self) -> bool {
-        self.network.header().fusion.separate
+    fn config(&self) -> String {
+        serde_json::to_string(&self.network.header().fusion).expect("numbers and names")
     }
 
     /// Number of training steps.

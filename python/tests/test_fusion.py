@@ -53,7 +53,7 @@ def shipped() -> Fusion:
 
 def noisy() -> Fusion:
     """Random weights, none of which is 0."""
-    model = Fusion((16, 32, 16, 48), seed=3)
+    model = Fusion((16, 32, 16, 48), seed=3, refines=(1, 3, 1, 2), plain_widths=(32, 16, 16, 16))
     generator = torch.Generator().manual_seed(4)
     with torch.no_grad():
         for value in model.parameters():
@@ -161,7 +161,8 @@ def test_weights_go_back_to_the_program(tmp_path):
     other.save(first, half=False)
     exact = Fusion.load(first)
     assert all(torch.equal(a, b) for a, b in zip(other.parameters(), exact.parameters(), strict=True))
-    assert (exact.steps, exact.widths) == (17, (16, 32, 16, 48))
+    assert (exact.steps, exact.widths, exact.refines) == (17, (16, 32, 16, 48), (1, 3, 1, 2))
+    assert exact.plain_widths == (32, 16, 16, 16)
     command("weights", "inspect", first)
     picture = rf.Neural(first).render(rf.compose(seed=7, resolution=64))
     assert np.isfinite(picture).all()

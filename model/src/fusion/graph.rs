@@ -2,11 +2,11 @@
 
 use super::head::{self, KERNEL};
 use super::record::{CHANNELS, Groups};
-use crate::Result;
 use crate::network::init::Init;
 use crate::network::layers::Conv;
 use crate::network::unet::{self, Layers, Refine, conv_values};
 use crate::ops::{self, Products, Stride};
+use crate::{Error, Result};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
 use serde::{Deserialize, Serialize};
@@ -22,13 +22,18 @@ pub const MULTIPLE: usize = 16;
 pub struct FusionConfig {
     /// Channels of each level: multiples of 16, at most 1024.
     pub widths: [usize; LEVELS],
+    /// Residual convolutions of each level, 1 to 8: so many on the way down, and so many on the way up.
+    pub refines: [usize; LEVELS],
     /// Whether frames without samples have a U-Net of their own.
     pub separate: bool,
+    /// Channels of each level of that U-Net; `widths` if not given. It has one residual convolution where the other has some.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plain_widths: Option<[usize; LEVELS]>,
 }
 
 impl Default for FusionConfig {
     fn default() -> Self {
-        Self { widths: [48, 64, 96, 128], separate: true }
+        Self { widths: [48, 64, 96, 128], refines: ONE, separate: true, plain_widths: None }
     }
 }
 
@@ -38,13 +43,57 @@ impl FusionConfig {
     /// # Errors
     /// [`Error::Config`](crate::Error::Config) naming the option.
     pub fn validate(&self) -> Result<()> {
-        unet::check_widths(&self.widths)
+        unet::check_widths(&self.widths)?;
+        unet::check_refines(&self.refines)?;
+        match self.plain_widths {
+            Some(_) if !self.separate => Err(Error::config("plain_widths", "are of a U-Net that `separate` adds")),
+            Some(widths) => unet::check_widths(&widths),
+            None => Ok(()),
+        }
     }
 
     /// Number of values in all parameters.
     pub fn values(&self) -> usize {
-        let own = if self.separate { UNet::values(&self.widths, PLAIN) } else { 0 };
-        UNet::values(&self.widths, Groups::ALL) + own
+        self.plain().map_or(0, |size| size.values(PLAIN)) + self.sampled().values(Groups::ALL)
+    }
+
+    /// Size of the U-Net for frames with samples.
+    pub(super) fn sampled(&self) -> Size {
+        Size { widths: self.widths, refines: self.refines }
+    }
+
+    /// Size of the U-Net for frames without samples, if they have their own.
+    pub(super) fn plain(&self) -> Option<Size> {
+        self.separate.then(|| Size { widths: self.plain_widths.unwrap_or(self.widths), refines: ONE })
+    }
+
+    /// Largest distance in pixels of an input that an output depends on, rounded up to a [`MULTIPLE`].
+    pub(super) fn reach(&self) -> usize {
+        // With one convolution in each place: 44 on the way down, 30 on the way up, and 11 for the kernels.
+        let more = (0..LEVELS).map(|level| (self.refines[level] - 1) * if level + 1 < LEVELS { 4 << level } else { 2 << level });
+        (85 + more.sum::<usize>()).next_multiple_of(MULTIPLE)
+    }
+}
+
+/// One residual convolution in each place.
+const ONE: [usize; LEVELS] = [1; LEVELS];
+
+/// Size of a U-Net.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Size {
+    /// Channels of each level.
+    pub widths: [usize; LEVELS],
+    /// Residual convolutions of each level, on either way.
+    pub refines: [usize; LEVELS],
+}
+
+impl Size {
+    /// Number of values in all parameters of a U-Net for frames with some of the groups `most`.
+    fn values(&self, most: Groups) -> usize {
+        let w = &self.widths;
+        let coarse = if most.samples { conv_values(1, w[1], KERNEL) } else { 0 };
+        let ends = conv_values(3, 4 * most.channels(), w[0]) + conv_values(1, w[0], head::fine(most));
+        ends + unet::values(w, &self.refines) + coarse
     }
 }
 
@@ -100,8 +149,8 @@ impl FusionNet {
     pub fn new(config: &FusionConfig, seed: u64, device: &Device) -> Result<Self> {
         config.validate()?;
         let init = &mut Init::new(seed, device);
-        let sampled = UNet::new(init, &config.widths, Groups::ALL);
-        Ok(Self { sampled, plain: config.separate.then(|| UNet::new(init, &config.widths, PLAIN)) })
+        let sampled = UNet::new(init, config.sampled(), Groups::ALL);
+        Ok(Self { sampled, plain: config.plain().map(|size| UNet::new(init, size, PLAIN)) })
     }
 
     /// Runs the network on pixel-unshuffled inputs `[b, h/2, w/2, 4 groups.channels()]`. h and w are multiples of [`MULTIPLE`].
@@ -112,19 +161,14 @@ impl FusionNet {
 
 impl UNet {
     /// Random weights for frames with some of the groups `most`; the outputs are 0.
-    fn new(init: &mut Init, w: &[usize; LEVELS], most: Groups) -> Self {
+    fn new(init: &mut Init, size: Size, most: Groups) -> Self {
+        let w = &size.widths;
         // About half of the groups are given at a time.
         let stem = Conv::new(init, 3, 4 * most.channels(), w[0], 1.4);
-        let Layers { reduce, down, enter, up } = Layers::new(init, w);
+        let Layers { reduce, down, enter, up } = Layers::new(init, w, &size.refines);
         let fine = Conv::new(init, 1, w[0], head::fine(most), 0.0);
         let coarse = most.samples.then(|| Conv::new(init, 1, w[1], KERNEL, 0.0));
         Self { stem, reduce, down, enter, up, fine, coarse }
-    }
-
-    /// Number of values in all parameters of [`Self::new`].
-    fn values(w: &[usize; LEVELS], most: Groups) -> usize {
-        let coarse = if most.samples { conv_values(1, w[1], KERNEL) } else { 0 };
-        conv_values(3, 4 * most.channels(), w[0]) + unet::values(w) + conv_values(1, w[0], head::fine(most)) + coarse
     }
 
     fn forward(&self, products: Products, x: Tensor<4>, groups: Groups) -> Outputs {

@@ -18,6 +18,7 @@
 pub mod batch;
 pub mod fill;
 pub mod graph;
+mod grow;
 pub mod head;
 pub mod loss;
 pub mod record;

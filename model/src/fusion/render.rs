@@ -1,7 +1,8 @@
 //! Inference: the network renders the frame of a record.
 
 use super::batch::{Augmentation, Batch, Window};
-use super::graph::{self, FusionConfig, FusionNet, MULTIPLE, Outputs};
+use super::graph::{FusionConfig, FusionNet, MULTIPLE, Outputs};
+use super::grow::grown;
 use super::record::{Record, Selection, Stored};
 use crate::network::trained::{Described, Trained};
 use crate::ops::Products;
@@ -29,16 +30,11 @@ static SHIPPED: Option<&[u8]> = None;
 
 /// Columns and rows of a tile. Larger pictures are rendered in tiles, one after another.
 const TILE: usize = 768;
-/// Number of pixels in the largest window that the network works on at a time.
-pub const TILE_PIXELS: usize = (TILE + 2 * MARGIN) * (TILE + 2 * MARGIN);
 /// Columns and rows of the smallest tile that is tried on a device with little memory.
 const SMALLEST_TILE: usize = 96;
 /// The input of a tile takes at most this share of the largest tensor of a device, one part of so many. The input is the largest
 /// tensor of the network itself; the rest is for what convolutions store between their steps.
 const SHARE_OF_LARGEST: usize = 4;
-/// Largest distance in pixels of an input that a pixel depends on, rounded up to a [`MULTIPLE`]: 44 on the way down, 30 on the
-/// way up, and 11 for the kernels.
-const MARGIN: usize = 96;
 
 impl Described for FusionNet {
     type Header = Header;
@@ -83,26 +79,18 @@ impl Trained<FusionNet> {
         Self::fresh(Header { fusion: config.clone(), steps: 0, seed })
     }
 
-    /// This network with the configuration `config`: itself, or both of its U-Nets with the weights of its only one.
+    /// This network with the configuration `config`, which gives the same pictures until it is trained: itself, both of its
+    /// U-Nets with the weights of its only one, or one with more channels and more convolutions.
     ///
     /// # Errors
-    /// [`Error::Config`] where the configurations differ in anything else.
+    /// [`Error::Config`] where a U-Net would have fewer channels or convolutions, or the only one would be for some frames.
     pub fn fitted(&self, config: &FusionConfig) -> Result<Self> {
-        let header = Header { fusion: config.clone(), ..self.header().clone() };
-        if *self.header() == header {
+        if self.header().fusion == *config {
             return Ok(self.clone());
         }
-        if self.header().fusion != (FusionConfig { separate: false, ..config.clone() }) {
-            return Err(Error::config("network", "the weights to begin with are of another network"));
-        }
-        let own = self.parameters();
-        let mut parameters = Self::fresh(header.clone())?.parameters();
-        for parameter in &mut parameters {
-            let name = parameter.name.replacen(graph::PLAIN_PREFIX, graph::SAMPLED_PREFIX, 1);
-            let from = own.iter().find(|other| other.name == name).expect("the U-Net for all frames has every layer");
-            parameter.values = first_of(&from.values, &from.shape, &parameter.shape);
-        }
-        Self::with_parameters(header, &parameters)
+        let header = Header { fusion: config.clone(), ..self.header().clone() };
+        let grown = grown(&self.header().fusion, &self.parameters(), config, Self::fresh(header.clone())?.parameters())?;
+        Self::with_parameters(header, &grown)
     }
 
     /// Renders the frame of a record from all of its inputs. The result is exposed linear radiance.
@@ -120,7 +108,7 @@ impl Trained<FusionNet> {
     /// # Errors
     /// When the record is empty, and when the device fails.
     pub fn draw<T: Stored>(&self, record: &Record<T>, selection: &Selection) -> Result<Vec<[f32; 3]>> {
-        let mut side = largest_tile(selection.groups.channels(), self.device.largest_tensor());
+        let mut side = largest_tile(selection.groups.channels(), self.margin(), self.device.largest_tensor());
         loop {
             match self.draw_in_tiles(record, selection, side) {
                 Err(Error::Device { .. }) if side > SMALLEST_TILE => side = smaller(side),
@@ -131,7 +119,7 @@ impl Trained<FusionNet> {
 
     /// [`Self::draw`] in tiles of `side` columns and rows, a multiple of [`MULTIPLE`].
     fn draw_in_tiles<T: Stored>(&self, record: &Record<T>, selection: &Selection, side: usize) -> Result<Vec<[f32; 3]>> {
-        let (width, height) = (record.width, record.height);
+        let (width, height, margin) = (record.width, record.height, self.margin());
         if width == 0 || height == 0 {
             return Err(Error::Data { place: "frame".into(), reason: format!("has {width} x {height} pixels") });
         }
@@ -139,9 +127,9 @@ impl Trained<FusionNet> {
         for top in (0..height).step_by(side) {
             for left in (0..width).step_by(side) {
                 let (right, bottom) = ((left + side).min(width), (top + side).min(height));
-                let (x, y) = (left.saturating_sub(MARGIN), top.saturating_sub(MARGIN));
+                let (x, y) = (left.saturating_sub(margin), top.saturating_sub(margin));
                 let end =
-                    |end: usize, whole: usize| (end + MARGIN).min(whole.next_multiple_of(MULTIPLE)).next_multiple_of(MULTIPLE);
+                    |end: usize, whole: usize| (end + margin).min(whole.next_multiple_of(MULTIPLE)).next_multiple_of(MULTIPLE);
                 let window = Window { x, y, width: end(right, width) - x, height: end(bottom, height) - y };
                 let drawn = self.draw_window(record, selection, window)?;
                 for row in top..bottom {
@@ -151,6 +139,16 @@ impl Trained<FusionNet> {
             }
         }
         Ok(picture)
+    }
+
+    /// Number of pixels in the largest window that the network works on at a time.
+    pub fn tile_pixels(&self) -> usize {
+        (TILE + 2 * self.margin()).pow(2)
+    }
+
+    /// Columns and rows around a tile that the network reads for it.
+    fn margin(&self) -> usize {
+        self.header().fusion.reach()
     }
 
     fn draw_window<T: Stored>(&self, record: &Record<T>, selection: &Selection, window: Window) -> Result<Vec<[f32; 3]>> {
@@ -170,19 +168,10 @@ impl Trained<FusionNet> {
     }
 }
 
-/// The values of a tensor of shape `from` whose indices lie in the smaller shape `to`.
-fn first_of(values: &[f32], from: &[usize], to: &[usize]) -> Vec<f32> {
-    match (from.split_first(), to.split_first()) {
-        (Some((&rows, from)), Some((&kept, to))) => {
-            values.chunks_exact(values.len() / rows).take(kept).flat_map(|row| first_of(row, from, to)).collect()
-        }
-        _ => values.to_vec(),
-    }
-}
-
-/// Side of the largest tile with so many input `channels` whose tensors a device takes. The `largest` tensor is in bytes.
-fn largest_tile(channels: usize, largest: u64) -> usize {
-    let bytes = |side: usize| (SHARE_OF_LARGEST * size_of::<f32>() * channels * (side + 2 * MARGIN).pow(2)) as u64;
+/// Side of the largest tile with so many input `channels` and this `margin` whose tensors a device takes. The `largest` tensor is
+/// in bytes.
+fn largest_tile(channels: usize, margin: usize, largest: u64) -> usize {
+    let bytes = |side: usize| (SHARE_OF_LARGEST * size_of::<f32>() * channels * (side + 2 * margin).pow(2)) as u64;
     let mut side = TILE;
     while side > SMALLEST_TILE && bytes(side) > largest {
         side = smaller(side);
@@ -211,11 +200,12 @@ mod tests {
 
     #[test]
     fn tiles_fit_the_device() {
-        let input = |side: usize| (4 * 100 * (side + 2 * MARGIN).pow(2)) as u64;
-        assert_eq!(largest_tile(100, u64::MAX), TILE);
-        assert_eq!(largest_tile(100, 4 * input(384)), 384);
-        assert_eq!(largest_tile(100, 4 * input(384) - 1), 192);
-        assert_eq!(largest_tile(100, 0), SMALLEST_TILE);
+        let input = |side: usize| (4 * 100 * (side + 2 * 96).pow(2)) as u64;
+        let largest_tile = |bytes| largest_tile(100, 96, bytes);
+        assert_eq!(largest_tile(u64::MAX), TILE);
+        assert_eq!(largest_tile(4 * input(384)), 384);
+        assert_eq!(largest_tile(4 * input(384) - 1), 192);
+        assert_eq!(largest_tile(0), SMALLEST_TILE);
     }
 
     /// The margins of tiles are wide enough: the picture is the same to the last bit.
@@ -229,7 +219,9 @@ mod tests {
         record.neighbours = [2; NEIGHBOURS];
         record.denoised = [true; PICTURES];
         // No weight is 0, so that distant pixels have an influence.
-        let fresh = Fusion::untrained(&FusionConfig { widths: [16; 4], separate: true }, 5).expect("a network");
+        let config = FusionConfig { widths: [16; 4], refines: [1, 2, 2, 2], ..FusionConfig::default() };
+        assert_eq!((FusionConfig::default().reach(), config.reach()), (96, 128));
+        let fresh = Fusion::untrained(&config, 5).expect("a network");
         let mut parameters = fresh.parameters();
         for parameter in &mut parameters {
             parameter.values.iter_mut().for_each(|v| *v += rng.random_range(-0.1..0.1));

@@ -40,7 +40,7 @@ fn two_processes_train_the_network_that_reads_samples_as_one_does() {
     let run = |processes: usize, gradients: Gradients| {
         let folder = folder();
         let config = Config {
-            network: FusionConfig { widths: [16; 4], separate: true },
+            network: FusionConfig { widths: [16; 4], ..FusionConfig::default() },
             run: RunConfig {
                 output: folder.path().into(),
                 steps: 6,

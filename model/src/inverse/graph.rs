@@ -16,6 +16,8 @@ pub const LEVELS: usize = 6;
 pub const MULTIPLE: usize = 64;
 /// Channels that are read from a pixel: the picture, and the place in it.
 pub const CHANNELS: usize = 5;
+/// Convolutions of each [`Refine`] of a level.
+const REFINES: [usize; LEVELS] = [1; LEVELS];
 
 /// Size of the network.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -43,7 +45,7 @@ impl InverseConfig {
     /// Number of values in all parameters.
     pub fn values(&self) -> usize {
         let w = self.widths;
-        conv_values(3, 4 * CHANNELS, w[0]) + unet::values(&w) + conv_values(1, w[0], 4 * OUTPUTS)
+        conv_values(3, 4 * CHANNELS, w[0]) + unet::values(&w, &REFINES) + conv_values(1, w[0], 4 * OUTPUTS)
     }
 }
 
@@ -74,7 +76,7 @@ impl InverseNet {
         let init = &mut Init::new(seed, device);
         let w = config.widths;
         let stem = Conv::new(init, 3, 4 * CHANNELS, w[0], 1.4);
-        let Layers { reduce, down, enter, up } = Layers::new(init, &w);
+        let Layers { reduce, down, enter, up } = Layers::new(init, &w, &REFINES);
         Ok(Self { stem, reduce, down, enter, up, fine: Conv::new(init, 1, w[0], 4 * OUTPUTS, 0.0) })
     }
 

@@ -7,20 +7,28 @@ use crate::{Error, Result};
 use burn::module::Module;
 use burn::tensor::Tensor;
 
-/// `x + silu(conv(x))`, the convolution small at first.
+/// Most convolutions of a [`Refine`].
+const MOST_REFINES: usize = 8;
+
+/// One or more times `x + silu(conv(x))`. The first convolution is small at first, and the others are 0, so that a deeper network
+/// begins as the shallower one.
 #[derive(Module, Debug)]
 pub struct Refine {
     /// 3 x 3.
     pub conv: Conv,
+    /// Those after it, 3 x 3.
+    pub more: Vec<Conv>,
 }
 
 impl Refine {
-    fn new(init: &mut Init, width: usize) -> Self {
-        Self { conv: Conv::new(init, 3, width, width, 0.1) }
+    fn new(init: &mut Init, width: usize, count: usize) -> Self {
+        let conv = Conv::new(init, 3, width, width, 0.1);
+        Self { conv, more: (1..count).map(|_| Conv::new(init, 3, width, width, 0.0)).collect() }
     }
 
     fn forward(&self, products: Products, x: Tensor<4>) -> Tensor<4> {
-        x.clone() + self.conv.forward(products, x, Stride::One, true)
+        let step = |x: Tensor<4>, conv: &Conv| x.clone() + conv.forward(products, x, Stride::One, true);
+        self.more.iter().fold(step(x, &self.conv), step)
     }
 }
 
@@ -31,6 +39,15 @@ impl Refine {
 pub fn check_widths(widths: &[usize]) -> Result<()> {
     let fits = |&width: &usize| (16..=1024).contains(&width) && width.is_multiple_of(16);
     if widths.iter().all(fits) { Ok(()) } else { Err(Error::config("widths", "must be multiples of 16 up to 1024")) }
+}
+
+/// Checks the option `refines`: the convolutions of each [`Refine`] of a level.
+///
+/// # Errors
+/// [`Error::Config`] naming the option.
+pub fn check_refines(refines: &[usize]) -> Result<()> {
+    let fits = refines.iter().all(|count| (1..=MOST_REFINES).contains(count));
+    if fits { Ok(()) } else { Err(Error::config("refines", format!("must be 1 to {MOST_REFINES}"))) }
 }
 
 /// New layers of a U-Net. A network keeps them as fields of its own, by whose names its weights are stored.
@@ -46,14 +63,15 @@ pub struct Layers {
 }
 
 impl Layers {
-    /// Random layers for levels of these widths, of which there is at least one.
-    pub fn new(init: &mut Init, widths: &[usize]) -> Self {
+    /// Random layers for levels of these widths, of which there is at least one, with so many convolutions in each [`Refine`] of
+    /// a level.
+    pub fn new(init: &mut Init, widths: &[usize], refines: &[usize]) -> Self {
         let (w, levels) = (widths, widths.len());
         Self {
             reduce: (1..levels).map(|level| Conv::new(init, 3, w[level - 1], w[level], 1.0)).collect(),
-            down: (0..levels).map(|level| Refine::new(init, w[level])).collect(),
+            down: (0..levels).map(|level| Refine::new(init, w[level], refines[level])).collect(),
             enter: (0..levels - 1).rev().map(|level| Conv::new(init, 3, w[level + 1] + w[level], w[level], 1.0)).collect(),
-            up: (0..levels - 1).rev().map(|level| Refine::new(init, w[level])).collect(),
+            up: (0..levels - 1).rev().map(|level| Refine::new(init, w[level], refines[level])).collect(),
         }
     }
 }
@@ -63,10 +81,11 @@ pub fn conv_values(k: usize, from: usize, to: usize) -> usize {
     k * k * from * to + to
 }
 
-/// Number of values in the layers of levels of these widths.
-pub fn values(widths: &[usize]) -> usize {
+/// Number of values in the layers of [`Layers::new`].
+pub fn values(widths: &[usize], refines: &[usize]) -> usize {
     let (w, levels) = (widths, widths.len());
-    let refines: usize = w.iter().chain(&w[..levels - 1]).map(|&width| conv_values(3, width, width)).sum();
+    let refine = |level: usize| refines[level] * conv_values(3, w[level], w[level]);
+    let refines: usize = (0..levels).chain(0..levels - 1).map(refine).sum();
     let between = |level: usize| conv_values(3, w[level - 1], w[level]) + conv_values(3, w[level] + w[level - 1], w[level - 1]);
     refines + (1..levels).map(between).sum::<usize>()
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 from collections.abc import Iterable
 
@@ -15,6 +16,7 @@ from . import head
 from .batches import Batch, Groups
 
 WIDTHS = (48, 64, 96, 128)
+REFINES = (1, 1, 1, 1)
 
 # Channels per pixel of each group: G-buffer, deferred, keys, samples, neighbours, denoised.
 _CHANNELS = (13, 18, 10, 11, 20, 3)
@@ -35,14 +37,17 @@ class Outputs:
 
 
 class _Refine(nn.Module):
-    """x + silu(conv(x))"""
+    """One or more times x + silu(conv(x))"""
 
-    def __init__(self, width: int) -> None:
+    def __init__(self, width: int, count: int) -> None:
         super().__init__()
         self.conv = _conv(width, width)
+        self.more = nn.ModuleList(_conv(width, width) for _ in range(1, count))
 
     def forward(self, x: Tensor) -> Tensor:
-        return x + F.silu(self.conv(x))
+        for conv in (self.conv, *self.more):
+            x = x + F.silu(conv(x))
+        return x
 
 
 def _conv(inputs: int, outputs: int, stride: int = 1) -> nn.Conv2d:
@@ -52,15 +57,15 @@ def _conv(inputs: int, outputs: int, stride: int = 1) -> nn.Conv2d:
 class _UNet(nn.Module):
     """The layers for frames with some of the groups ``most``."""
 
-    def __init__(self, w: tuple[int, ...], most: Groups) -> None:
+    def __init__(self, w: tuple[int, ...], refines: tuple[int, ...], most: Groups) -> None:
         super().__init__()
         levels = len(w)
         downwards = range(levels - 2, -1, -1)
         self.stem = _conv(4 * sum(count for count, given in zip(_CHANNELS, (True, *most)) if given), w[0])
         self.reduce = nn.ModuleList(_conv(w[level - 1], w[level], 2) for level in range(1, levels))
-        self.down = nn.ModuleList(_Refine(width) for width in w)
+        self.down = nn.ModuleList(_Refine(width, count) for width, count in zip(w, refines))
         self.enter = nn.ModuleList(_conv(w[level + 1] + w[level], w[level]) for level in downwards)
-        self.up = nn.ModuleList(_Refine(w[level]) for level in downwards)
+        self.up = nn.ModuleList(_Refine(w[level], refines[level]) for level in downwards)
         self.fine = nn.Conv2d(w[0], head.outputs(most), 1)
         self.coarse = nn.Conv2d(w[1], head.KERNEL, 1) if most.samples else None
 
@@ -95,16 +100,27 @@ class _UNet(nn.Module):
 
 
 class Fusion(nn.Module):
-    """The fusion network. ``widths`` are the channels of its four levels, multiples of 16 up to 1024. Where it is ``separate``,
-    frames without samples have a U-Net of their own.
+    """The fusion network. ``widths`` are the channels of its four levels, multiples of 16 up to 1024, and ``refines`` are the
+    residual convolutions of each level on either way, 1 to 8. Where it is ``separate``, frames without samples have a U-Net of
+    their own, with the channels ``plain_widths`` (``widths`` if not given) and one residual convolution in each place.
 
     A new network has the initial weights of the program's own training with this seed, and returns the best of its input
-    pictures. Raises :class:`renderflow.Error` where a width is invalid.
+    pictures. Raises :class:`renderflow.Error` where a number is out of range.
     """
 
-    def __init__(self, widths: Iterable[int] = WIDTHS, seed: int = 1, separate: bool = True) -> None:
+    def __init__(
+        self,
+        widths: Iterable[int] = WIDTHS,
+        seed: int = 1,
+        separate: bool = True,
+        refines: Iterable[int] = REFINES,
+        plain_widths: Iterable[int] | None = None,
+    ) -> None:
         super().__init__()
-        self._fill(_native.Network.untrained(list(widths), separate, seed))
+        config = {"widths": list(widths), "refines": list(refines), "separate": separate}
+        if plain_widths is not None:
+            config["plain_widths"] = list(plain_widths)
+        self._fill(_native.Network.untrained(json.dumps(config), seed))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Fusion:
@@ -128,13 +144,17 @@ class Fusion(nn.Module):
 
     def _fill(self, native: _native.Network) -> None:
         """Makes the layers, and takes their values from the program's network."""
-        self.widths: tuple[int, ...] = tuple(native.widths)
+        self._config: str = native.config
+        config = json.loads(native.config)
+        self.widths: tuple[int, ...] = tuple(config["widths"])
+        self.refines: tuple[int, ...] = tuple(config["refines"])
         self.steps: int = native.steps
         """Number of training steps, which a weights file records. Whoever trains the network counts them here."""
         self.seed: int = native.seed
-        self.separate: bool = native.separate
-        self.sampled = _UNet(self.widths, _ALL)
-        self.plain = _UNet(self.widths, _PLAIN) if self.separate else None
+        self.separate: bool = config["separate"]
+        self.plain_widths: tuple[int, ...] | None = tuple(config.get("plain_widths") or self.widths) if self.separate else None
+        self.sampled = _UNet(self.widths, self.refines, _ALL)
+        self.plain = _UNet(self.plain_widths, REFINES, _PLAIN) if self.plain_widths else None
         # The program stores kernels as (rows, columns, inputs, outputs).
         values = {name: torch.from_numpy(array) for name, array in native.parameters().items()}
         self.load_state_dict({name: v.permute(3, 2, 0, 1) if v.ndim == 4 else v for name, v in values.items()})
@@ -145,7 +165,7 @@ class Fusion(nn.Module):
         for name, value in self.state_dict().items():
             value = value.detach().float().cpu()
             arrays[name] = (value.permute(2, 3, 1, 0) if value.ndim == 4 else value).contiguous().numpy()
-        return _native.Network.of(list(self.widths), self.separate, self.steps, self.seed, arrays)
+        return _native.Network.of(self._config, self.steps, self.seed, arrays)
 
     def save(self, path: str | os.PathLike[str], half: bool = True) -> None:
         """Writes a weights file that the program reads, in half precision or, without ``half``, in single precision.

@@ -1,6 +1,6 @@
 //! Times training steps and inference of the network that reads samples, with the shares of the head and of the batches, which
 //! are made beside the steps: `cargo run --release -p renderflow-bench --example fusion_time`. Of the two times in bf16, the
-//! first is without the matrix unit.
+//! first is without the matrix unit. An argument is the configuration of the network in JSON.
 
 use burn::tensor::Device;
 use rand::RngExt;
@@ -26,7 +26,10 @@ const WAYS: [(Products, Choice); 3] =
     [(Products::F32, Choice::Automatic), (Products::Bf16, Choice::Avx512), (Products::Bf16, Choice::Automatic)];
 
 fn main() {
-    let config = FusionConfig::default();
+    let config = match std::env::args().nth(1) {
+        Some(json) => serde_json::from_str(&json).expect("a configuration in JSON"),
+        None => FusionConfig::default(),
+    };
     let network = Fusion::untrained(&config, 1).expect("the default configuration is valid");
     let count: usize = network.parameters().iter().map(|p: &parameters::Parameter| p.values.len()).sum();
     println!("{count} parameters, {} threads", rayon::current_num_threads());

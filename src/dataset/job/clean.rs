@@ -13,7 +13,7 @@ use renderflow_frame::{Camera, Frame};
 use renderflow_model::device::NetworkDevice;
 use renderflow_model::fusion::fill::{Samples, background};
 use renderflow_model::fusion::record::Selection;
-use renderflow_model::fusion::{Fusion, Record, render};
+use renderflow_model::fusion::{Fusion, Record};
 use renderflow_renderer::denoise::{DenoiseError, Denoiser, Options};
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -102,8 +102,8 @@ impl Cleaner {
         match self {
             // OIDN's own pictures, and the copies that it is given.
             Self::Oidn(_) => [oidn_bytes(pixels).saturating_add(each(3 * RGB)), oidn_bytes(pixels)],
-            Self::Neural { oidn, .. } => {
-                let tile = pixels.min(render::TILE_PIXELS as u64);
+            Self::Neural { network, oidn, .. } => {
+                let tile = pixels.min(network.tile_pixels() as u64);
                 let network = each(NEURAL_RECORD).saturating_add(tile * NEURAL_NETWORK);
                 match oidn {
                     Some(_) => [network.saturating_add(each(3 * RGB)).saturating_add(oidn_bytes(pixels)), oidn_bytes(pixels)],
