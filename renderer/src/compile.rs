@@ -1,6 +1,7 @@
 //! Compiles a loaded scene: its geometry, material and light tables, and the features the scene needs.
 
 mod check;
+mod material;
 
 use crate::accel::{Hit, Scratch};
 use crate::camera::Shutter;
@@ -8,15 +9,22 @@ use crate::error::{Error, Result};
 use crate::features::FeatureSet;
 use crate::geometry::{Builds, Geometry, Sharing, Wanted};
 use crate::light::{DistantLight, EmissiveTriangle, EnvironmentLight, Lamp, LightSampler, Lights, Repairs, Sampling, Selection};
-use crate::material::{Prepared, Principled, Side};
+use crate::material::{Prepared, Principled};
 use crate::ray::Ray;
 use crate::texture::{Lookup, Sampled};
 use check::check;
 use glam::Vec3A;
+use material::least_alphas;
 use renderflow_frame::{Camera, Environment, Light};
-use renderflow_scenes::loaded::{AlphaMask, PunctualLight};
-use renderflow_scenes::{Instance, LoadedScene, Material, Mesh, TextureSlot};
+use renderflow_scenes::loaded::PunctualLight;
+use renderflow_scenes::{Instance, LoadedScene, Material, TextureSlot};
 use std::sync::{Arc, OnceLock};
+
+pub use material::Clear;
+pub(crate) use material::CompiledMaterial;
+
+/// Most sets of texture coordinates beyond the first: one for every kind of texture of a material.
+const MAX_UV_SETS: usize = 8;
 
 /// A scene at one frame, ready to be rendered.
 pub struct RenderScene {
@@ -48,110 +56,6 @@ pub struct RenderScene {
     pose: usize,
     features: FeatureSet,
     bsdfs: OnceLock<Vec<Option<Prepared>>>,
-}
-
-/// A material with its constant part ready.
-#[derive(Clone, Debug)]
-pub(crate) struct CompiledMaterial {
-    pub surface: Principled,
-    pub base_color_texture: Option<TextureSlot>,
-    /// The lowest opacity in the colours of the vertices on it; `None` where they have no colours.
-    pub least_alpha: Option<f32>,
-    pub metallic_roughness_texture: Option<TextureSlot>,
-    pub normal_texture: Option<(TextureSlot, f32)>,
-    /// Radiance; zero where the surface does not emit.
-    pub emissive: Vec3A,
-    pub emissive_texture: Option<TextureSlot>,
-    /// `None` where the mask cuts nothing, even if the file has one.
-    pub alpha_mask: Option<AlphaMask>,
-    /// See [`Material::opacity`]; `None` where the surface covers everything.
-    pub opacity: Option<f32>,
-    pub double_sided: bool,
-    pub clear: Clear,
-    pub thin_walled: bool,
-    /// See [`Material::anisotropy_rotation`].
-    pub anisotropy_rotation: f32,
-    pub transmission_texture: Option<TextureSlot>,
-    /// What the inside absorbs per metre.
-    pub absorption: Vec3A,
-}
-
-/// How a material lets light through.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Clear {
-    /// Not at all, or straight through holes.
-    No,
-    /// It bounds a body.
-    Body,
-    /// A rough sheet.
-    Sheet,
-    /// A smooth sheet.
-    Pane,
-}
-
-/// Most sets of texture coordinates beyond the first: one for every kind of texture of a material.
-const MAX_UV_SETS: usize = 8;
-/// Sheets smoother than this let light straight through: they spread it over less than half a degree.
-const PANE_ROUGHNESS: f32 = 0.08;
-
-impl Clear {
-    /// Of a material with the factors `surface`; `textured` tells whether a texture changes metallic and roughness.
-    pub fn of(surface: &Principled, thin_walled: bool, textured: bool) -> Self {
-        if surface.transmission <= 0.0 || surface.metallic >= 1.0 && !textured {
-            Self::No
-        } else if !thin_walled {
-            Self::Body
-        } else if surface.roughness < PANE_ROUGHNESS {
-            Self::Pane
-        } else {
-            Self::Sheet
-        }
-    }
-}
-
-impl CompiledMaterial {
-    /// Whether the base colour is multiplied by colours of vertices.
-    #[inline(always)]
-    pub fn has_colors(&self) -> bool {
-        self.least_alpha.is_some()
-    }
-
-    /// Whether base colour or normal differ from point to point.
-    #[inline(always)]
-    pub fn varies(&self) -> bool {
-        self.base_color_texture.is_some() || self.has_colors() || self.normal_texture.is_some()
-    }
-
-    /// The BSDF, `None` where it changes from place to place: by a texture, by colours of vertices, or because the material is
-    /// anisotropic and not `directed` everywhere.
-    fn prepared(&self, directed: bool) -> Option<Prepared> {
-        let slots = [&self.base_color_texture, &self.metallic_roughness_texture, &self.transmission_texture];
-        let same = slots.iter().all(|slot| slot.is_none()) && (directed || self.surface.anisotropic == 0.0);
-        (same && !self.has_colors()).then(|| Prepared::new(&self.surface))
-    }
-
-    /// Whether every ray that meets the surface stops there, from either side.
-    #[inline(always)]
-    pub fn is_solid(&self) -> bool {
-        self.both_sides() && self.alpha_mask.is_none() && self.opacity.is_none()
-    }
-
-    /// Whether rays meet the surface from behind too. They must where it bounds a body, or they would never leave that.
-    #[inline(always)]
-    pub fn both_sides(&self) -> bool {
-        self.double_sided || self.clear == Clear::Body
-    }
-
-    /// What the surface is to a viewer in front of it or behind it.
-    #[inline(always)]
-    pub fn side(&self, front: bool) -> Side {
-        match self.clear {
-            Clear::Sheet => Side::Sheet,
-            Clear::Pane => Side::Pane,
-            Clear::No | Clear::Body if front => Side::Outside,
-            Clear::No | Clear::Body => Side::Inside,
-        }
-    }
 }
 
 impl RenderScene {
@@ -190,7 +94,7 @@ impl RenderScene {
         let frames = scene.cameras.len() / (1 + moments.len());
         let materials = scene.materials.iter().zip(least_alphas(scene));
         let materials: Vec<_> =
-            materials.map(|(m, least_alpha)| compile_material(&m.at(0.0, frames), &textures, least_alpha)).collect();
+            materials.map(|(m, least_alpha)| CompiledMaterial::new(&m.at(0.0, frames), &textures, least_alpha)).collect();
         let changing = scene.materials.iter().cloned().enumerate().filter(|(_, m)| m.change.is_some()).collect();
         let light = EnvironmentLight::new(&scene.environment)?;
         let features = features(&materials, &scene.instances, &light, &scene.lights);
@@ -232,7 +136,7 @@ impl RenderScene {
         let offset = (self.pose % each).checked_sub(1).map_or(0.0, |moment| self.moments[moment]);
         let time = self.frame as f64 + offset;
         for (number, material) in &self.changing {
-            let made = compile_material(&material.at(time, frames), &self.textures, self.materials[*number].least_alpha);
+            let made = CompiledMaterial::new(&material.at(time, frames), &self.textures, self.materials[*number].least_alpha);
             let old = &mut self.materials[*number];
             if made.surface != old.surface {
                 changed = true;
@@ -557,44 +461,4 @@ fn features(
 fn further_sets(materials: &[Material], instances: &[Instance]) -> usize {
     let slots = instances.iter().flat_map(|instance| materials[instance.material].texture_slots());
     slots.map(|slot| slot.set).max().unwrap_or(0)
-}
-
-/// The lowest opacity that the colours of vertices give each material; `None` where no mesh on it has any.
-fn least_alphas(scene: &LoadedScene) -> Vec<Option<f32>> {
-    let least = |mesh: &Mesh| mesh.colors.iter().map(|color| color.w).reduce(f32::min);
-    let meshes: Vec<Option<f32>> = scene.meshes.iter().map(least).collect();
-    let mut materials = vec![None; scene.materials.len()];
-    for instance in &scene.instances {
-        if let Some(alpha) = meshes[instance.mesh] {
-            let lowest: &mut Option<f32> = &mut materials[instance.material];
-            *lowest = Some(lowest.map_or(alpha, |lowest| lowest.min(alpha)));
-        }
-    }
-    materials
-}
-
-/// `least_alpha` is what [`least_alphas`] says of it.
-fn compile_material(material: &Material, textures: &[Sampled], least_alpha: Option<f32>) -> CompiledMaterial {
-    let emissive = Vec3A::from_array(material.emissive).max(Vec3A::ZERO);
-    // A mask that cuts nothing must not cost every ray a look-up.
-    let lowest = material.base_color_texture.as_ref().map_or(1.0, |slot| textures[slot.texture].lowest_alpha());
-    let lowest = lowest * least_alpha.unwrap_or(1.0);
-    let alpha_mask = material.alpha_mask.filter(|mask| mask.factor * lowest < mask.cutoff);
-    CompiledMaterial {
-        surface: material.surface.clamped(),
-        base_color_texture: material.base_color_texture.clone(),
-        least_alpha,
-        metallic_roughness_texture: material.metallic_roughness_texture.clone(),
-        normal_texture: material.normal_texture.clone(),
-        emissive,
-        emissive_texture: material.emissive_texture.clone().filter(|_| emissive != Vec3A::ZERO),
-        alpha_mask,
-        opacity: material.opacity.filter(|opacity| opacity * lowest < 1.0),
-        double_sided: material.double_sided,
-        clear: Clear::of(&material.surface, material.thin_walled, material.metallic_roughness_texture.is_some()),
-        thin_walled: material.thin_walled,
-        anisotropy_rotation: material.anisotropy_rotation,
-        transmission_texture: material.transmission_texture.clone(),
-        absorption: Vec3A::from_array(material.absorption).max(Vec3A::ZERO),
-    }
 }

@@ -116,9 +116,17 @@ impl Interaction {
             across * n.dot(wo).max(MIN_COS_VIEW)
         };
         let lookup = if F::TEXTURES { lookup(geometry.corner_uvs(hit), hit.weights, across(), cone) } else { Lookup::NOWHERE };
-        let texture = |slot: &TextureSlot| {
-            let lookup = if slot.set == 0 { lookup } else { further_lookup(geometry, hit, slot.set, across(), cone) };
-            scene.textures[slot.texture].value(slot, lookup)
+        let mut place = None;
+        let mut texture = |slot: &TextureSlot| {
+            let texture = &scene.textures[slot.texture];
+            let place = match &mut place {
+                Some(place) if material.same_places => place,
+                place => {
+                    let lookup = if slot.set == 0 { lookup } else { further_lookup(geometry, hit, slot.set, across(), cone) };
+                    place.insert(texture.place(slot, lookup))
+                }
+            };
+            texture.read::<false>(place)
         };
         if F::TEXTURES
             && let Some((slot, strength)) = &material.normal_texture

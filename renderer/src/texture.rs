@@ -4,7 +4,7 @@ use crate::number::{log2, whole};
 use crate::simd;
 use glam::{Affine2, Vec2, Vec4};
 use renderflow_scenes::TextureSlot;
-use renderflow_scenes::loaded::{Texture, Wrap};
+use renderflow_scenes::loaded::{Encoding, Texture, Wrap};
 use renderflow_scenes::mipmap::{self, Level, Texels};
 
 /// Share of 1 that every 8-bit value stands for.
@@ -22,7 +22,7 @@ const ALPHAS: [f32; 256] = {
 #[derive(Clone, Debug)]
 pub(crate) struct Sampled {
     texture: Texture,
-    /// Colour of every 8-bit value; unused for 16 bits.
+    /// Colour of every 8-bit value; used for sRGB of 8 bits only.
     decode: Box<[f32; 256]>,
     /// `log2` of the image's edge length, the geometric mean of width and height: level of a footprint of one tile.
     size_log2: f32,
@@ -57,56 +57,101 @@ impl Sampled {
     /// Value at `lookup` through `slot`: decoded colour and alpha. White where the texture is empty.
     #[inline]
     pub fn value(&self, slot: &TextureSlot, lookup: Lookup) -> Vec4 {
-        simd::run(Value { texture: self, slot, lookup })
+        self.read::<true>(&self.place(slot, lookup))
+    }
+
+    /// Whether every look-up through `slot` is at the place of one in `other` through `other_slot`.
+    pub fn shares_places(&self, slot: &TextureSlot, (other, other_slot): (&Self, &TextureSlot)) -> bool {
+        let sizes = |sampled: &Self| sampled.texture.levels.iter().map(|level| (level.width, level.height)).collect::<Vec<_>>();
+        *slot == TextureSlot { texture: slot.texture, ..other_slot.clone() }
+            && self.texture.wrap == other.texture.wrap
+            && sizes(self) == sizes(other)
+    }
+
+    /// The place of `lookup` through `slot`.
+    #[inline]
+    pub fn place(&self, slot: &TextureSlot, lookup: Lookup) -> Place {
+        simd::run(Find { texture: self, slot, lookup })
     }
 
     #[inline(always)]
-    fn value_here(&self, slot: &TextureSlot, lookup: Lookup) -> Vec4 {
+    fn place_here(&self, slot: &TextureSlot, lookup: Lookup) -> Place {
         let levels = &self.texture.levels;
         if levels.is_empty() {
-            return Vec4::ONE;
+            return Place::default();
         }
         let uv = slot.uv_transform.transform_point2(lookup.uv);
         let level = lookup.footprint_log2 + self.size_log2 + scale_log2(&slot.uv_transform);
         // A NaN reads the image itself.
         if level.is_nan() || level <= 0.0 {
-            return self.bilinear(&levels[0], uv);
+            return Place { fine: self.taps(0, uv), ..Place::default() };
         }
         let last = levels.len() - 1;
         let lower = whole(level).min(last);
-        let coarse = self.bilinear(&levels[(lower + 1).min(last)], uv);
-        self.bilinear(&levels[lower], uv).lerp(coarse, (level - lower as f32).min(1.0))
+        let (fine, coarse) = (self.taps(lower, uv), self.taps((lower + 1).min(last), uv));
+        Place { fine, coarse: Some((coarse, (level - lower as f32).min(1.0))) }
+    }
+
+    /// Texels of a level around `uv`; their centres lie at half-integers. Coordinates that are not finite read the first texel.
+    #[inline(always)]
+    fn taps(&self, level: usize, uv: Vec2) -> Taps {
+        let Level { width, height, .. } = self.texture.levels[level];
+        let (x0, x1, fx) = taps(uv.x, width, self.texture.wrap[0]);
+        let (y0, y1, fy) = taps(uv.y, height, self.texture.wrap[1]);
+        Taps { level, at: [y0 * width + x0, y0 * width + x1, y1 * width + x0, y1 * width + x1], fx, fy }
+    }
+
+    /// Decoded colour at a place, and alpha if `ALPHA`, else 0. White where the texture is empty.
+    #[inline]
+    pub fn read<const ALPHA: bool>(&self, place: &Place) -> Vec4 {
+        simd::run(Read::<ALPHA> { texture: self, place })
+    }
+
+    #[inline(always)]
+    fn read_here<const ALPHA: bool>(&self, place: &Place) -> Vec4 {
+        if self.texture.levels.is_empty() {
+            return Vec4::ONE;
+        }
+        let fine = self.bilinear::<ALPHA>(&place.fine);
+        match &place.coarse {
+            Some((coarse, share)) => fine.lerp(self.bilinear::<ALPHA>(coarse), *share),
+            None => fine,
+        }
     }
 
     /// Alpha of the image itself at `uv`, 0..=1.
     #[inline]
     pub fn alpha(&self, slot: &TextureSlot, uv: Vec2) -> f32 {
-        self.texture.levels.first().map_or(1.0, |level| self.bilinear(level, slot.uv_transform.transform_point2(uv)).w)
+        if self.texture.levels.is_empty() {
+            return 1.0;
+        }
+        self.bilinear::<true>(&self.taps(0, slot.uv_transform.transform_point2(uv))).w
     }
 
-    /// Bilinear value of one level; texel centres lie at half-integers. Coordinates that are not finite read the first texel.
+    /// Value between four texels.
     #[inline(always)]
-    fn bilinear(&self, level: &Level, uv: Vec2) -> Vec4 {
-        let (x0, x1, fx) = taps(uv.x, level.width, self.texture.wrap[0]);
-        let (y0, y1, fy) = taps(uv.y, level.height, self.texture.wrap[1]);
-        let texel = |x: usize, y: usize| self.texel(level, y * level.width + x);
-        let top = texel(x0, y0).lerp(texel(x1, y0), fx);
-        let bottom = texel(x0, y1).lerp(texel(x1, y1), fx);
-        top.lerp(bottom, fy)
-    }
-
-    #[inline(always)]
-    fn texel(&self, level: &Level, at: usize) -> Vec4 {
-        match &level.texels {
-            Texels::Bytes(texels) => {
+    fn bilinear<const ALPHA: bool>(&self, taps: &Taps) -> Vec4 {
+        let encoding = self.texture.encoding;
+        // What is linear in the stored numbers is decoded after they are mixed.
+        let linear = |mixed: Vec4, most: f32| {
+            let shares = mixed / most;
+            match encoding {
+                Encoding::Normal => Vec4::from((2.0 * shares.truncate() - 1.0, shares.w)),
+                _ => shares,
+            }
+        };
+        match (&self.texture.levels[taps.level].texels, encoding) {
+            (Texels::Bytes(texels), Encoding::Srgb) => taps.mix(|at| {
                 let [r, g, b, a] = texels[at].map(usize::from);
-                Vec4::new(self.decode[r], self.decode[g], self.decode[b], ALPHAS[a])
-            }
-            Texels::Words(texels) => {
+                Vec4::new(self.decode[r], self.decode[g], self.decode[b], if ALPHA { ALPHAS[a] } else { 0.0 })
+            }),
+            (Texels::Bytes(texels), _) => linear(taps.mix(|at| Vec4::from(texels[at].map(f32::from))), 255.0),
+            (Texels::Words(texels), Encoding::Srgb) => taps.mix(|at| {
                 let [r, g, b, a] = texels[at].map(|v| f32::from(v) / 65535.0);
-                let decode = |v| mipmap::decode(self.texture.encoding, v);
+                let decode = |v| mipmap::decode(Encoding::Srgb, v);
                 Vec4::new(decode(r), decode(g), decode(b), a)
-            }
+            }),
+            (Texels::Words(texels), _) => linear(taps.mix(|at| Vec4::from(texels[at].map(f32::from))), 65535.0),
         }
     }
 
@@ -120,18 +165,59 @@ impl Sampled {
     }
 }
 
-/// The arguments of [`Sampled::value`].
-struct Value<'a> {
+/// Where a texture is read: in one level, or between two.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Place {
+    fine: Taps,
+    /// In the next coarser level, and its share.
+    coarse: Option<(Taps, f32)>,
+}
+
+/// Four texels of a level, by rows, and the shares of the second column and row.
+#[derive(Clone, Copy, Debug, Default)]
+struct Taps {
+    level: usize,
+    at: [usize; 4],
+    fx: f32,
+    fy: f32,
+}
+
+impl Taps {
+    /// The mean of the texels by their shares.
+    #[inline(always)]
+    fn mix(&self, texel: impl Fn(usize) -> Vec4) -> Vec4 {
+        let [a, b, c, d] = self.at;
+        let (top, bottom) = (texel(a).lerp(texel(b), self.fx), texel(c).lerp(texel(d), self.fx));
+        top.lerp(bottom, self.fy)
+    }
+}
+
+/// The arguments of [`Sampled::place`].
+struct Find<'a> {
     texture: &'a Sampled,
     slot: &'a TextureSlot,
     lookup: Lookup,
 }
 
-impl simd::Work for Value<'_> {
+impl simd::Work for Find<'_> {
+    type Output = Place;
+    #[inline(always)]
+    fn run(self) -> Place {
+        self.texture.place_here(self.slot, self.lookup)
+    }
+}
+
+/// The arguments of [`Sampled::read`].
+struct Read<'a, const ALPHA: bool> {
+    texture: &'a Sampled,
+    place: &'a Place,
+}
+
+impl<const ALPHA: bool> simd::Work for Read<'_, ALPHA> {
     type Output = Vec4;
     #[inline(always)]
     fn run(self) -> Vec4 {
-        self.texture.value_here(self.slot, self.lookup)
+        self.texture.read_here::<ALPHA>(self.place)
     }
 }
 
@@ -175,7 +261,6 @@ fn taps(u: f32, size: usize, wrap: Wrap) -> (usize, usize, f32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use renderflow_scenes::loaded::Encoding;
 
     /// 4 x 2 texels, red = column, green = row, in 255ths.
     fn ramp(wrap: Wrap) -> Sampled {
@@ -226,6 +311,51 @@ mod tests {
         let slot = TextureSlot { texture: 0, uv_transform, set: 0 };
         let lookup = Lookup { uv: Vec2::new(0.125, 0.0), footprint_log2: f32::NEG_INFINITY };
         assert_eq!(255.0 * ramp(Wrap::Repeat).value(&slot, lookup).x, 1.0);
+    }
+
+    #[test]
+    fn texels_are_decoded() {
+        for encoding in [Encoding::Srgb, Encoding::Linear, Encoding::Normal] {
+            let (bytes, words) = ([0u8, 10, 128, 255], [0u16, 2570, 32896, 65535]);
+            let images = [
+                Texture::from_rgba8("bytes", [1, 1], vec![bytes], encoding, [Wrap::Clamp; 2]),
+                Texture::from_rgba16("words", [1, 1], vec![words], encoding, [Wrap::Clamp; 2]),
+            ];
+            for texture in images {
+                let value = Sampled::new(&texture).value(&IDENTITY, Lookup::sharp(Vec2::splat(0.3)));
+                let wanted = [0.0, 10.0 / 255.0, 128.0 / 255.0].map(|v: f32| mipmap::decode(encoding, v));
+                let far = value.truncate().to_array().iter().zip(wanted).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+                assert!(far < 3e-7 && (value.w - 1.0).abs() < 3e-7, "{encoding:?}, {}: {value}", texture.name);
+            }
+        }
+    }
+
+    #[test]
+    fn a_place_serves_every_texture_that_shares_it() {
+        let image = |size: [usize; 2], encoding, wrap| {
+            let texels = (0..size[0] * size[1]).map(|i| [7 * i as u8, 255 - 5 * i as u8, 90, 255]).collect();
+            Sampled::new(&Texture::from_rgba8("image", size, texels, encoding, wrap))
+        };
+        let usual = [Wrap::Repeat, Wrap::Mirror];
+        let (color, normal) = (image([8, 4], Encoding::Srgb, usual), image([8, 4], Encoding::Normal, usual));
+        let slot = TextureSlot { texture: 0, uv_transform: Affine2::from_scale(Vec2::new(3.0, 0.7)), set: 0 };
+        let other = TextureSlot { texture: 1, ..slot.clone() };
+        assert!(color.shares_places(&slot, (&normal, &other)));
+        for (u, footprint_log2) in [(0.1, -9.0), (0.77, -1.5), (3.2, -0.4), (-0.6, 5.0), (0.5, f32::NAN)] {
+            let lookup = Lookup { uv: Vec2::new(u, 0.3 * u), footprint_log2 };
+            assert_eq!(normal.read::<true>(&color.place(&slot, lookup)), normal.value(&other, lookup), "{lookup:?}");
+        }
+        for (image, slot) in [
+            (image([4, 8], Encoding::Normal, usual), other.clone()),
+            (image([8, 4], Encoding::Normal, [Wrap::Repeat; 2]), other.clone()),
+            (normal.clone(), TextureSlot { set: 1, ..other.clone() }),
+            (normal.clone(), TextureSlot { uv_transform: Affine2::IDENTITY, ..other.clone() }),
+        ] {
+            assert!(!color.shares_places(
+                &TextureSlot { uv_transform: Affine2::from_scale(Vec2::new(3.0, 0.7)), texture: 0, set: 0 },
+                (&image, &slot)
+            ));
+        }
     }
 
     #[test]

@@ -109,6 +109,7 @@ impl Camera {
     }
 
     /// Unit direction in world space through the image point `pixel`.
+    #[inline]
     pub fn ray_direction(&self, pixel: Vec2) -> Vec3A {
         (self.camera_to_world.matrix3 * self.direction_cam(pixel)).normalize()
     }
