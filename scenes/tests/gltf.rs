@@ -145,6 +145,24 @@ fn materials_textures_and_their_options_arrive() {
     assert!(mesh.tangents.iter().all(|t| t.truncate().distance(Vec3::X) < 1e-6 && t.w == -1.0), "{:?}", mesh.tangents);
 }
 
+/// There is no look-up of the nearest texel: one note says so for the whole file.
+#[test]
+fn textures_that_ask_for_the_nearest_texel_are_noted() {
+    let notes = |sampler: Value| {
+        let mut file = textured(json!({ "uri": data_uri("image/png", &png16()) }));
+        file["samplers"] = json!([sampler]);
+        let notes = File::new(&file).load().unwrap().report.notes;
+        notes.into_iter().filter(|note| note.contains("nearest texel")).collect::<Vec<String>>()
+    };
+    for sampler in [json!({ "magFilter": 9728, "minFilter": 9987 }), json!({ "minFilter": 9728 })] {
+        let notes = notes(sampler);
+        let expected = "model.gltf: 1 textures ask for the nearest texel (NEAREST); they are filtered like the others";
+        assert!(notes.len() == 1 && notes[0].ends_with(expected), "{notes:?}");
+    }
+    assert_eq!(notes(json!({})), [""; 0]);
+    assert_eq!(notes(json!({ "magFilter": 9729, "minFilter": 9986 })), [""; 0]);
+}
+
 #[test]
 fn a_texture_that_is_missing_or_broken_is_named() {
     let file = File::new(&textured(json!({ "uri": "oak%20wood.png" })));

@@ -188,6 +188,30 @@ fn morph_targets_come_before_the_skin() {
     close(&world(&File::new(&file).load().unwrap(), 0)[..2], &[[0.0, 0.0, 1.0], [0.75, 1.0, 1.0]]);
 }
 
+/// Targets of texture coordinates and colours are noted where some weight asks for the targets.
+#[test]
+fn targets_that_are_not_read_are_noted() {
+    for name in ["TEXCOORD_0", "TEXCOORD_1", "COLOR_0"] {
+        let notes = |target: &str, weights: Value| {
+            let mut file = morphing();
+            file["meshes"][0]["primitives"][0]["targets"][1][target] = json!(9);
+            file["meshes"][0]["weights"] = weights;
+            let notes = File::new(&file).load().unwrap().report.notes;
+            notes.into_iter().filter(|note| note.contains("morph targets")).collect::<Vec<String>>()
+        };
+        let said = notes(name, json!([0.25, 0.5]));
+        let expected = "1 primitives have morph targets of texture coordinates or colours, which are not read";
+        assert!(said.len() == 1 && said[0].ends_with(expected), "{name}: {said:?}");
+        assert_eq!(notes(name, json!([0, 0])), [""; 0]);
+        assert_eq!(notes("NORMAL", json!([0.25, 0.5])), [""; 0]);
+    }
+    let mut file = morphing();
+    file["meshes"][0]["primitives"][0]["targets"][0]["COLOR_0"] = json!(9);
+    let file = File::new(&file);
+    let notes = playing(&file.path(), 2, 1.0).unwrap().report.notes;
+    assert!(notes.iter().any(|note| note.contains("1 primitives have morph targets of")), "{notes:?}");
+}
+
 /// The channel `weights`, with each interpolation, and a weight at rest that the animation does not touch.
 #[test]
 fn animations_move_weights() {

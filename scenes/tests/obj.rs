@@ -170,6 +170,29 @@ fn materials_become_principled() {
     assert_eq!((red.opacity, shiny.opacity, scene.report.blended), (None, Some(0.5), 1));
 }
 
+/// The order of `usemtl` and `mtllib` is free, and where it matters which library defines a name, the last one before it does.
+#[test]
+fn libraries_may_be_named_after_their_materials() {
+    let reds = |faces: &str| {
+        let text = format!("{SQUARE}{faces}");
+        let libraries = [("a.mtl", "newmtl red\nKd 0.25 0 0\n"), ("b.mtl", "newmtl red\nKd 0.5 0 0\nnewmtl blue\nKd 0 0 1\n")];
+        let scene = Files::new(&[("model.obj", text.as_str()), libraries[0], libraries[1]]).load().unwrap();
+        assert_eq!(scene.report.notes, [""; 0], "{faces}");
+        let color = |i: usize| scene.materials[scene.instances[i].material].surface.base_color.to_array();
+        (0..scene.instances.len()).map(color).collect::<Vec<[f32; 3]>>()
+    };
+    let (first, second, blue) = ([0.25, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 1.0]);
+    assert_eq!(reds("usemtl red\nf 1 2 3\nmtllib a.mtl\n"), [first]);
+    assert_eq!(reds("usemtl\tred\nf 1 2 3\nmtllib\ta.mtl\n"), [first]);
+    assert_eq!(reds("usemtl blue\nf 1 2 3\nusemtl red\nf 1 3 4\nmtllib \\\nb.mtl\n"), [blue, second]);
+    assert_eq!(reds("mtllib a.mtl\nusemtl red\nf 1 2 3\nmtllib b.mtl\nusemtl red\nf 1 3 4\n"), [first, second]);
+    assert_eq!(reds("mtllib a.mtl\nusemtl blue\nf 1 2 3\nmtllib b.mtl\n"), [blue]);
+    // Errors still know their line.
+    let files =
+        Files::new(&[("model.obj", &format!("{SQUARE}usemtl red\nf 1 2 3\nmtllib a.mtl\nf a b c\n")), ("a.mtl", "newmtl red\n")]);
+    assert!(files.error().contains("model.obj line 8: \"a\" is not a corner of a face"), "{}", files.error());
+}
+
 /// An image of one row of grey or coloured pixels.
 fn png<const N: usize>(pixels: &[[u8; N]], color: image::ExtendedColorType) -> Vec<u8> {
     let mut out = vec![];

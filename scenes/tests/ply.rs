@@ -125,12 +125,51 @@ fn one_colour_is_the_base_colour_and_several_are_those_of_the_vertices() {
     let (color, colors) = colored("uchar", ["188 0 255"; 3]);
     // sRGB 188 is 0.503 linear (IEC 61966-2-1).
     assert!(color.distance(Vec3A::new(0.5029, 0.0, 1.0)) < 1e-3 && colors.is_empty(), "{color}");
+    // 188 of 255 in 16 bits; wider types hold bytes.
+    let (color, _) = colored("ushort", ["48316 0 65535"; 3]);
+    assert!(color.distance(Vec3A::new(0.5029, 0.0, 1.0)) < 1e-3, "{color}");
+    let (color, _) = colored("int", ["188 0 255"; 3]);
+    assert!(color.distance(Vec3A::new(0.5029, 0.0, 1.0)) < 1e-3, "{color}");
     let (color, _) = colored("float", ["0.25 0.5 1"; 3]);
     assert_eq!(color, Vec3A::new(0.25, 0.5, 1.0));
     let (color, colors) = colored("uchar", ["188 0 255", "188 0 255", "0 188 0"]);
     assert_eq!(color, Vec3A::ONE);
     assert!(colors[1].distance(Vec4::new(0.5029, 0.0, 1.0, 1.0)) < 1e-3, "{colors:?}");
     assert!(colors[2].distance(Vec4::new(0.0, 0.5029, 0.0, 1.0)) < 1e-3, "{colors:?}");
+}
+
+/// An opacity is linear in every type, and counts like that of glTF's colours of vertices.
+#[test]
+fn alpha_is_the_opacity_of_the_surface() {
+    let read = |properties: &str, colors: [&str; 3]| {
+        let [a, b, c] = colors;
+        let text = format!("ply\nformat ascii 1.0\n{TRIANGLE}{properties}{FACE}0 0 0 {a}\n1 0 0 {b}\n0 1 0 {c}\n3 0 1 2\n");
+        let scene = loaded(text.as_bytes()).unwrap();
+        let opacities: Vec<f32> = scene.meshes[0].colors.iter().map(|color| color.w).collect();
+        (scene.materials[scene.instances[0].material].opacity, scene.report.blended, opacities, scene.report.notes)
+    };
+    let kinds = |color: &str, alpha: &str| {
+        let property = |kind: &str, name: &str| format!("property {kind} {name}\n");
+        ["red", "green", "blue"].map(|name| property(color, name)).concat() + &property(alpha, "alpha")
+    };
+    for (kind, fifth, full) in [("uchar", "51", "255"), ("ushort", "13107", "65535"), ("float", "0.2", "1")] {
+        // The same everywhere: an opacity of the material.
+        let line = format!("1 1 1 {fifth}");
+        assert_eq!(read(&kinds("uchar", kind), [&line; 3]), (Some(0.2), 1, vec![], vec![]), "{kind}");
+        // Of the vertices, and none where they cover everything.
+        let [opaque, clear] = [full, "0"].map(|alpha| format!("9 9 9 {alpha}"));
+        let mixed = read(&kinds("uchar", kind), [&line, &opaque, &clear]);
+        assert_eq!(mixed, (Some(1.0), 1, vec![0.2, 1.0, 0.0], vec![]), "{kind}");
+        assert_eq!(read(&kinds("float", kind), [&opaque; 3]), (None, 0, vec![], vec![]), "{kind}");
+    }
+    // Zeros alone are taken for an opacity that nobody has set.
+    let (opacity, blended, opacities, notes) = read(&kinds("uchar", "uchar"), ["1 1 1 0", "9 9 9 0", "1 1 1 0"]);
+    assert_eq!((opacity, blended, opacities), (None, 0, vec![1.0; 3]));
+    assert!(notes.len() == 1 && notes[0].ends_with("the opacity of all vertices is 0; it is not used"), "{notes:?}");
+    // Without a colour it is not read.
+    let (opacity, _, opacities, notes) = read("property uchar alpha\n", ["51"; 3]);
+    assert_eq!((opacity, opacities), (None, vec![]));
+    assert!(notes.len() == 1 && notes[0].ends_with("properties of vertices that are not read: alpha"), "{notes:?}");
 }
 
 /// An arrow whose second corner points inwards: a fan from the first corner would leave it.

@@ -1,5 +1,5 @@
-//! Stanford PLY: ASCII and binary of either byte order; vertices with normals, texture coordinates and colours; polygons and
-//! strips.
+//! Stanford PLY: ASCII and binary of either byte order; vertices with normals, texture coordinates, colours and opacities;
+//! polygons and strips.
 //!
 //! The parser is here because a header may claim any number of elements: memory is taken only for what the file has bytes for.
 
@@ -55,6 +55,11 @@ impl Kind {
 
     fn whole(self) -> bool {
         !matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// What stands for one in a colour, where it is a whole number: 255, unless the type says that there are 16 bits.
+    fn full(self) -> Option<f32> {
+        self.whole().then_some(if self == Self::U16 { 65535.0 } else { 255.0 })
     }
 
     /// The number in the first bytes of `bytes`, lowest byte first.
@@ -181,9 +186,10 @@ pub(super) fn read(path: &Path, materials: bool) -> Result<Model> {
     let color = read.color(materials);
     model.report.notes = read.notes;
     if !read.mesh.triangles.is_empty() {
-        let material = color.map(|base_color| {
-            let mut material = Material { name: name.clone(), ..Material::default() };
-            material.surface.base_color = base_color;
+        let material = color.map(|color| {
+            // What covers everything is made opaque where the scene is built.
+            let mut material = Material { name: name.clone(), opacity: Some(color.w), ..Material::default() };
+            material.surface.base_color = Vec3A::from_vec4(color);
             model.materials.push(material);
             0
         });
@@ -319,14 +325,17 @@ impl Read {
                 mesh.uvs.push(Vec2::new(value(6), 1.0 - value(7)));
             }
             if colors {
-                let channel = |column: usize| {
-                    let whole = columns[column].is_some_and(|place| element.properties[place].kind.whole());
-                    if whole { srgb_to_linear((value(column) / 255.0).clamp(0.0, 1.0)) } else { value(column).clamp(0.0, 1.0) }
-                };
-                mesh.colors.push(Vec4::new(channel(8), channel(9), channel(10), 1.0));
+                let full = |column: usize| columns[column].and_then(|place| element.properties[place].kind.full());
+                let share = |column: usize| (value(column) / full(column).unwrap_or(1.0)).clamp(0.0, 1.0);
+                // Whole numbers are encoded as sRGB; floats, and the opacity of any type, are linear.
+                let channel = |column| if full(column).is_some() { srgb_to_linear(share(column)) } else { share(column) };
+                let opacity = if columns[11].is_some() { share(11) } else { 1.0 };
+                mesh.colors.push(Vec4::new(channel(8), channel(9), channel(10), opacity));
             }
         }
-        let known = columns.iter().flatten().copied().collect::<Vec<usize>>();
+        // A part of a colour, such as an opacity alone, is not read.
+        let read = if colors { &columns[..] } else { &columns[..8] };
+        let known = read.iter().flatten().copied().collect::<Vec<usize>>();
         let unread = element.properties.iter().enumerate().filter(|(place, _)| !known.contains(place));
         let names: Vec<String> = unread.map(|(_, property)| shortened(&property.name)).take(12).collect();
         if !names.is_empty() {
@@ -375,15 +384,20 @@ impl Read {
         Ok(())
     }
 
-    /// The base colour of a material for the mesh, if its vertices have colours: theirs where all have the same, else white.
-    /// Where no material is wanted, the colours are dropped.
-    fn color(&mut self, wanted: bool) -> Option<Vec3A> {
+    /// The base colour and opacity of a material for the mesh, if its vertices have colours: theirs where all have the same, else
+    /// white and 1. Where no material is wanted, the colours are dropped.
+    fn color(&mut self, wanted: bool) -> Option<Vec4> {
         let colors = &mut self.mesh.colors;
+        // Some programs leave the opacity at 0 where they do not use it.
+        if wanted && !colors.is_empty() && colors.iter().all(|color| color.w == 0.0) {
+            colors.iter_mut().for_each(|color| color.w = 1.0);
+            self.notes.push("the opacity of all vertices is 0; it is not used".into());
+        }
         let first = *colors.first()?;
         let same = colors.iter().all(|color| *color == first);
         if same || !wanted {
             colors.clear();
         }
-        wanted.then_some(if same { Vec3A::from_vec4(first) } else { Vec3A::ONE })
+        wanted.then_some(if same { first } else { Vec4::ONE })
     }
 }

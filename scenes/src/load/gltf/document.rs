@@ -8,7 +8,9 @@ use gltf::json::validation::{self, Checked, Validate};
 use gltf::{Document, Semantic};
 use renderflow_frame::words::{number, plain, shortened};
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use serde_json::{Map, Value};
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 /// Whole numbers below this have one form as a double.
@@ -24,6 +26,33 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Result<(Document, Option<Vec<u
     let document = Document::from_json_without_validation(root);
     validate(path, document.as_json(), json)?;
     Ok((document, blob.map(<[u8]>::to_vec)))
+}
+
+/// Primitives, each by the numbers of its mesh and its own, whose morph targets have texture coordinates or colours. The gltf
+/// crate does not know these (1.4), so the text of the file is looked at again.
+pub(super) fn further_targets(bytes: &[u8]) -> HashSet<(usize, usize)> {
+    #[derive(Deserialize, Default)]
+    #[serde(default)]
+    struct Top {
+        meshes: Vec<Mesh>,
+    }
+    #[derive(Deserialize, Default)]
+    #[serde(default)]
+    struct Mesh {
+        primitives: Vec<Primitive>,
+    }
+    #[derive(Deserialize, Default)]
+    #[serde(default)]
+    struct Primitive {
+        targets: Vec<HashMap<String, IgnoredAny>>,
+    }
+    let Ok((json, _)) = container::split(bytes) else { return HashSet::new() };
+    let top: Top = serde_json::from_slice(json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json)).unwrap_or_default();
+    let further = |name: &String| name.starts_with("TEXCOORD_") || name.starts_with("COLOR_");
+    let primitives =
+        top.meshes.iter().enumerate().flat_map(|(m, mesh)| (0..).zip(&mesh.primitives).map(move |(p, x)| ((m, p), x)));
+    let found = primitives.filter(|(_, primitive)| primitive.targets.iter().flat_map(HashMap::keys).any(further));
+    found.map(|(place, _)| place).collect()
 }
 
 /// The parsed JSON. The error is a JSON pointer (empty where the reason tells a line) and a reason.

@@ -12,7 +12,7 @@ use crate::validate::MAX_VALUE;
 use crate::{LoadReport, Material, Principled, Texture, TextureSlot};
 use glam::{Affine2, Vec3A};
 use gltf::material::AlphaMode;
-use gltf::texture::WrappingMode;
+use gltf::texture::{MagFilter, MinFilter, WrappingMode};
 use renderflow_frame::reach::Reach;
 use serde_json::Value;
 use std::borrow::Cow;
@@ -32,6 +32,8 @@ pub(super) struct Materials<'a> {
     found: HashMap<(usize, Encoding, [u8; 2]), usize>,
     /// Textures that have no image, each told once.
     empty: HashSet<usize>,
+    /// Textures whose samplers ask for the nearest texel.
+    nearest: HashSet<usize>,
 }
 
 /// A texture to decode.
@@ -52,8 +54,8 @@ pub(super) struct Reference<'a> {
 
 impl<'a> Materials<'a> {
     pub(super) fn new(path: &'a Path, reach: &'a Reach, document: &'a gltf::Document) -> Self {
-        let (known, found, empty) = (HashMap::new(), HashMap::new(), HashSet::new());
-        Self { path, reach, document, list: vec![], known, origins: vec![], wanted: vec![], found, empty }
+        let (known, found, empty, nearest) = (HashMap::new(), HashMap::new(), HashSet::new(), HashSet::new());
+        Self { path, reach, document, list: vec![], known, origins: vec![], wanted: vec![], found, empty, nearest }
     }
 
     /// Sets of texture coordinates (`TEXCOORD_n`) that the textures of `material` are looked up with, at least one. The first is
@@ -139,6 +141,9 @@ impl<'a> Materials<'a> {
             return None;
         };
         let sampler = reference.texture.sampler();
+        if sampler.mag_filter() == Some(MagFilter::Nearest) || sampler.min_filter() == Some(MinFilter::Nearest) {
+            self.nearest.insert(index);
+        }
         let wrap = [sampler.wrap_s(), sampler.wrap_t()].map(|mode| match mode {
             WrappingMode::ClampToEdge => Wrap::Clamp,
             WrappingMode::MirroredRepeat => Wrap::Mirror,
@@ -168,6 +173,10 @@ impl<'a> Materials<'a> {
         budget: &Budget,
         report: &mut LoadReport,
     ) -> Result<(Vec<Material>, Vec<Texture>)> {
+        if !self.nearest.is_empty() {
+            let count = self.nearest.len();
+            report.notes.push(format!("{count} textures ask for the nearest texel (NEAREST); they are filtered like the others"));
+        }
         let about = |wanted: &Wanted| {
             let image = &self.document.as_json().images[wanted.image];
             let file = image.uri.as_ref().filter(|uri| image.buffer_view.is_none() && !uri.starts_with("data:"));

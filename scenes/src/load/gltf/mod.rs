@@ -64,6 +64,8 @@ const MOST_PARTS: usize = 1 << 21;
 pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, animated: bool) -> Result<Model> {
     let bytes = file::read(path)?;
     let (document, blob) = document::parse(path, &bytes)?;
+    let morphs = document.meshes().flat_map(|mesh| mesh.primitives()).any(|primitive| primitive.morph_targets().len() > 0);
+    let further_targets = if morphs { document::further_targets(&bytes) } else { HashSet::new() };
     drop(bytes);
     let buffers = Buffers::read(path, reach, &document, blob)?;
     let mut reader = Reader {
@@ -76,6 +78,7 @@ pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>, animat
         places: HashMap::new(),
         rest: vec![],
         weighted: document.nodes().any(|node| node.weights().is_some_and(morph::some)),
+        further_targets,
         skipped: Skipped::default(),
         animated,
     };
@@ -126,6 +129,7 @@ struct Skipped {
     colors: usize,
     without_joints: usize,
     without_uvs: usize,
+    further_targets: usize,
     collapsed: usize,
     without_positions: usize,
 }
@@ -137,6 +141,7 @@ impl Skipped {
             (self.without_positions, "primitives without positions skipped"),
             (self.colors, "primitives with vertex colours are unlit and shown without them"),
             (self.without_uvs, "sets of texture coordinates that materials ask for are not there"),
+            (self.further_targets, "primitives have morph targets of texture coordinates or colours, which are not read"),
             (self.without_joints, "primitives on nodes with a skin that have no joints, and follow their nodes"),
             (self.collapsed, "nodes skipped because their transform flattens everything"),
         ] {
@@ -179,6 +184,8 @@ struct Reader<'a> {
     rest: Vec<DAffine3>,
     /// Whether some node gives its morph targets weights.
     weighted: bool,
+    /// Primitives, each by the numbers of its mesh and its own, whose morph targets have more than is read.
+    further_targets: HashSet<(usize, usize)>,
     skipped: Skipped,
     /// Whether what only an animation needs is read too.
     animated: bool,
@@ -364,6 +371,8 @@ impl Reader<'_> {
         if followed.is_none() && targets == 0 {
             return Ok(Err(read));
         }
+        let further = targets > 0 && self.further_targets.contains(&(mesh.index(), primitive.index()));
+        self.skipped.further_targets += usize::from(further);
         let displacements = if targets > 0 { self.displacements(primitive, vertices, &place)? } else { Rows::default() };
         let (influences, highest) = followed.map_or_else(Default::default, |Followed { rows, highest }| (rows, Some(highest)));
         let shape = Arc::new(Shape { displacements, influences });

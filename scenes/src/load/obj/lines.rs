@@ -2,10 +2,12 @@
 //!
 //! tobj (4.0) fails on a whole file for one face out of range or vertex colours on some vertices only, and misaligns
 //! coordinates when only some faces of a group have them. Here each line is checked first, so that such things cost a
-//! face or an attribute, are counted, and errors know their line.
+//! face or an attribute, are counted, and errors know their line. It also looks up a material at the line that asks for it, so a
+//! library that a later line names is handed out before that line.
 
 use renderflow_frame::words::shortened;
 use std::borrow::Cow;
+use std::collections::HashMap;
 use std::io::{BufRead, Read, Result, Write};
 
 /// What was left out.
@@ -38,6 +40,10 @@ pub(super) struct Lines<'a> {
     colored: Option<bool>,
     /// Names of materials asked for.
     pub(super) materials: Vec<String>,
+    /// Whether each statement `mtllib` of the file was handed out, how many were read, and the first that defines a material.
+    handed_out: Vec<bool>,
+    libraries_so_far: usize,
+    defined_in: HashMap<String, usize>,
     pub(super) left_out: LeftOut,
     /// The last line whose words are not what they should be, and why.
     pub(super) fault: Option<(usize, String)>,
@@ -64,12 +70,20 @@ fn number(word: &str) -> &str {
     if word.parse::<f32>().is_err() && odd() { "nan" } else { word }
 }
 
+/// What follows the keyword of a line.
+fn behind<'b>(text: &'b str, key: &str) -> &'b str {
+    text.trim_start().get(key.len()..).unwrap_or_default().trim()
+}
+
 impl<'a> Lines<'a> {
-    pub(super) fn new(text: &'a [u8]) -> Self {
+    /// The lines of a text. `library` gets what each statement `mtllib` names, in their order, and returns the names of the
+    /// materials defined there; tobj is handed the number of the statement.
+    pub(super) fn new(text: &'a [u8], mut library: impl FnMut(&str) -> Vec<String>) -> Self {
         let mut total = [0; 3];
         text.split(|&b| b == b'\n').filter_map(is_attribute).for_each(|kind| total[kind] += 1);
-        Self {
-            rest: text.split(is_newline as fn(&u8) -> bool),
+        let rest = text.split(is_newline as fn(&u8) -> bool);
+        let mut lines = Self {
+            rest: rest.clone(),
             cleaned: vec![],
             used: 0,
             line: 0,
@@ -79,11 +93,30 @@ impl<'a> Lines<'a> {
             attributes: None,
             colored: None,
             materials: vec![],
+            handed_out: vec![],
+            libraries_so_far: 0,
+            defined_in: HashMap::new(),
             left_out: LeftOut::default(),
             fault: None,
             missing_vertex: None,
             not_finite: None,
+        };
+        // Once through the text for the libraries, and back to its start.
+        while let Some(line) = lines.next_line() {
+            if !line.trim_ascii_start().starts_with(b"mtllib") {
+                continue;
+            }
+            let text = String::from_utf8_lossy(&line);
+            if text.split_whitespace().next() == Some("mtllib") {
+                let number = lines.handed_out.len();
+                lines.handed_out.push(false);
+                for name in library(behind(&text, "mtllib")) {
+                    lines.defined_in.entry(name).or_insert(number);
+                }
+            }
         }
+        (lines.rest, lines.line) = (rest, 0);
+        lines
     }
 
     /// The next line, with its continuations (a backslash at the end) joined.
@@ -138,15 +171,29 @@ impl<'a> Lines<'a> {
                 self.attributes = None;
                 self.cleaned.extend_from_slice(format!("o {}", self.name).as_bytes());
             }
-            Some(key) => {
-                if key == "usemtl" {
-                    self.materials.push(text.trim_start().get(6..).unwrap_or_default().trim().into());
-                }
-                self.cleaned.extend_from_slice(text.trim().as_bytes());
+            Some("mtllib") => {
+                self.hand_out(self.libraries_so_far);
+                self.libraries_so_far += 1;
             }
+            Some("usemtl") => {
+                let name = behind(&text, "usemtl");
+                if let Some(&number) = self.defined_in.get(name) {
+                    self.hand_out(number);
+                }
+                self.materials.push(name.into());
+                self.cleaned.extend_from_slice(format!("usemtl {name}").as_bytes());
+            }
+            Some(_) => self.cleaned.extend_from_slice(text.trim().as_bytes()),
             None => {}
         }
         self.cleaned.push(b'\n');
+    }
+
+    /// Hands out a library unless it was before.
+    fn hand_out(&mut self, number: usize) {
+        if self.handed_out.get_mut(number).is_some_and(|done| !std::mem::replace(done, true)) {
+            self.cleaned.extend_from_slice(format!("mtllib {number}\n").as_bytes());
+        }
     }
 
     fn numbers<'b>(&mut self, key: &str, words: impl Iterator<Item = &'b str>) {

@@ -16,21 +16,24 @@ use std::path::Path;
 /// The MTL files of an OBJ file.
 pub(super) struct Libraries<'a> {
     reach: &'a Reach,
+    /// The materials of each statement `mtllib` that was read and not taken.
+    found: Vec<Vec<tobj::Material>>,
     notes: Vec<String>,
     error: Option<Error>,
 }
 
 impl<'a> Libraries<'a> {
     pub(super) fn new(reach: &'a Reach) -> Self {
-        Self { reach, notes: vec![], error: None }
+        Self { reach, found: vec![], notes: vec![], error: None }
     }
 
-    /// Reads the library that `mtllib` names. A missing one is noted, a broken one becomes an error of [`Self::finish`].
-    pub(super) fn read(&mut self, name: &Path) -> tobj::MTLLoadResult {
-        let mut materials = vec![];
+    /// Reads the library that `mtllib` names, and returns the names of its materials. A missing one is noted, a broken one
+    /// becomes an error of [`Self::finish`].
+    pub(super) fn read(&mut self, name: &str) -> Vec<String> {
+        let mut materials: Vec<tobj::Material> = vec![];
 
         // One name with blanks in it, or several names.
-        let text = name.to_string_lossy().replace('\\', "/");
+        let text = name.replace('\\', "/");
         let whole = self.reach.resolve(&text).is_ok_and(|path| path.is_file());
         let names = if whole { vec![text.as_str()] } else { text.split_whitespace().collect() };
         for name in names {
@@ -63,7 +66,16 @@ impl<'a> Libraries<'a> {
                 Err(e) => self.error = self.error.take().or(Some(Error::model(&path, format!("line {line}"), e.to_string()))),
             }
         }
-        let by_name = materials.iter().enumerate().map(|(i, m): (_, &tobj::Material)| (m.name.clone(), i)).collect();
+        let names = materials.iter().map(|m| m.name.clone()).collect();
+        self.found.push(materials);
+        names
+    }
+
+    /// The materials of the statement `mtllib` of this number, once.
+    pub(super) fn take(&mut self, number: &Path) -> tobj::MTLLoadResult {
+        let number = number.to_str().and_then(|number| number.parse::<usize>().ok());
+        let materials = number.and_then(|number| self.found.get_mut(number)).map(std::mem::take).unwrap_or_default();
+        let by_name = materials.iter().enumerate().map(|(i, m)| (m.name.clone(), i)).collect();
         Ok((materials, by_name))
     }
 

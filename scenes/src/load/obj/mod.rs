@@ -21,12 +21,11 @@ use std::path::Path;
 pub(super) fn read(path: &Path, reach: &Reach, textures: Option<&Budget>) -> Result<Model> {
     let text = file::read(path)?;
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
-    let mut lines = Lines::new(text);
-    let libraries = RefCell::new(material::Libraries::new(reach));
+    let mut libraries = material::Libraries::new(reach);
+    let mut lines = Lines::new(text, |name| if textures.is_some() { libraries.read(name) } else { vec![] });
+    let libraries = RefCell::new(libraries);
     let options = tobj::LoadOptions { triangulate: false, single_index: true, ..Default::default() };
-    let parsed = tobj::load_obj_buf(&mut lines, &options, |name| {
-        if textures.is_some() { libraries.borrow_mut().read(name) } else { Ok(Default::default()) }
-    });
+    let parsed = tobj::load_obj_buf(&mut lines, &options, |number| libraries.borrow_mut().take(number));
     let (models, materials) = parsed.map_err(|e| {
         // What was seen in the line is more than the parser says.
         let (line, reason) =
