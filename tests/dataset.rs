@@ -182,7 +182,7 @@ fn a_frame_that_fails_is_recorded_and_the_others_go_on() {
     std::fs::create_dir_all(sequence.join(frame).join("x")).unwrap();
     let output = render(&plan, &out, &[]);
     assert_eq!(output.status.code(), Some(1));
-    assert!(stderr(&output).contains("11 frames made, 0 kept, 1 failures"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("11 frames made, 0 kept, 1 failure, "), "{}", stderr(&output));
     let failures: serde_json::Value = serde_json::from_slice(&std::fs::read(sequence.join("failures.json")).unwrap()).unwrap();
     let scene: serde_json::Value = serde_json::from_slice(&std::fs::read(sequence.join("scene.json")).unwrap()).unwrap();
     assert_eq!((failures[0]["frame"].as_u64(), &failures[0]["seed"]), (Some(2), &scene["seed"]));
@@ -192,7 +192,7 @@ fn a_frame_that_fails_is_recorded_and_the_others_go_on() {
     assert_eq!(verdict.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&verdict.stdout).contains("seq-000001 frame 2: failed when it was made"));
     let merged = renderflow(&["dataset", "merge", "--plan", &plan, "--out", out.to_str().unwrap()]);
-    assert!(stderr(&merged).contains("1 of 3 sequences are not complete (1 failures recorded), the first is seq-000001"));
+    assert!(stderr(&merged).contains("not complete: 1 of 3 sequences (1 failure recorded), the first is seq-000001"));
     // The cause gone, the same command makes what is missing and forgets the failure.
     std::fs::remove_dir_all(sequence.join(frame)).unwrap();
     assert!(render(&plan, &out, &[]).status.success());
@@ -261,7 +261,7 @@ fn what_is_damaged_is_found_and_made_again() {
     std::fs::write(frame("frame.0001.exr"), &bytes[..bytes.len() / 2]).unwrap();
     assert!(faults().contains("frame.0001.exr"));
     let output = render(&plan_file, &out, &[]);
-    assert!(output.status.success() && stderr(&output).contains("1 frames made, 11 kept"), "{}", stderr(&output));
+    assert!(output.status.success() && stderr(&output).contains("1 frame made, 11 kept"), "{}", stderr(&output));
     assert_eq!(differences(&whole, &out), Vec::<String>::new());
     // Gone.
     std::fs::remove_file(frame("frame.0003.exr")).unwrap();

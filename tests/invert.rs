@@ -3,6 +3,7 @@
 mod common;
 
 use common::{fail, files, renderflow, stderr, succeed};
+use renderflow::dataset::Dataset;
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -156,12 +157,27 @@ fn a_network_is_trained_and_used() {
     };
     let by_network = results(&["--weights", text(&weights)], &path("by-network"));
     let by_files = results(&["--buffers", text(&out)], &path("by-files"));
+    // They name what they are of.
+    let digest = |path: &Path| blake3::hash(&std::fs::read(path).unwrap()).to_hex().to_string();
+    assert_eq!((&by_network["weights"], &by_network["every"]), (&json!([digest(&weights)]), &json!(1)));
+    assert_eq!((&by_files["weights"], &by_files["data"]), (&json!([]), &by_network["data"]));
+    assert!(by_files["buffers"].is_string() && by_network["buffers"].is_null());
+    let read = by_network["data"].as_object().unwrap();
+    let sequences = Dataset::open(&data).unwrap().sequences;
+    assert_eq!(read.len(), sequences.len());
+    for sequence in &sequences {
+        let all: Vec<usize> = (0..sequence.len()).collect();
+        let place = read.iter().find(|(place, _)| place.ends_with(&format!("/{}", sequence.name)));
+        assert_eq!(place.unwrap().1, &json!(sequence.digest(&all).unwrap()));
+    }
     let mean = |of: &Value, id: &str| of["sets"][0]["rows"][0]["values"][id]["mean"].as_f64().unwrap();
     for (id, within) in [("albedo_psnr", 0.1), ("normal_mean", 1.0), ("depth_relative", 0.01), ("roughness_rms", 0.003)] {
         let [a, b] = [&by_network, &by_files].map(|of| mean(of, id));
         assert!((a - b).abs() < within, "{id}: {a} and {b}");
     }
+    let inside = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/inverse.safetensors"));
     let shipped = results(&[], &path("by-program"));
+    assert_eq!(shipped["weights"], json!([digest(inside)]));
     assert!(mean(&shipped, "albedo_psnr") > mean(&by_network, "albedo_psnr"));
 
     // Weights of another network are no beginning.
@@ -234,6 +250,22 @@ fn buffers_are_shown_under_another_light() {
     let said =
         fail(&["evaluate", "relight", "--data", text(&data), "--turn", "60", "--spp", "16", "--out", text(&path("turned"))]);
     assert!(said.contains("pictures of another light"), "{said}");
+    // So are results of other weights and of other data.
+    let (record, moved) = (path("turned/relight.json"), path("moved"));
+    let other = |data: &Path| {
+        fail(&["evaluate", "relight", "--data", text(data), "--turn", "-120", "--spp", "16", "--out", text(&path("turned"))])
+    };
+    std::fs::rename(data.join("test/seq.b"), &moved).unwrap();
+    let said = other(&data);
+    assert!(said.contains("relight.json: the folder holds results of other weights, data"), "{said}");
+    std::fs::rename(&moved, data.join("test/seq.b")).unwrap();
+    let told = std::fs::read_to_string(&record).unwrap();
+    let weights = turned["weights"][0].as_str().unwrap();
+    assert_eq!((turned["weights"].as_array().unwrap().len(), turned["data"].as_object().unwrap().len()), (1, 2));
+    std::fs::write(&record, told.replace(weights, &blake3::hash(b"other").to_hex())).unwrap();
+    let before = files(&path("turned"));
+    let said = other(&data);
+    assert!(said.contains("results of other weights") && files(&path("turned")) == before, "{said}");
     // The truth is rendered of frame 0. A sequence that begins later shows something else.
     let transforms = data.join("test/seq.b/transforms.json");
     let mut value: Value = serde_json::from_slice(&std::fs::read(&transforms).unwrap()).unwrap();

@@ -278,6 +278,23 @@ fn the_autoencoder_is_measured(folder: &Path, data: &Path, weights: &Weights) {
     let [still, clip] = [0, 1].map(|i| sets[0]["kinds"]["albedo"][i].as_array().unwrap());
     // The first frame of a clip is a picture by itself.
     assert!((still.len(), clip.len()) == (1, 5) && still[0] == clip[0] && clip[0] != clip[1], "{still:?} {clip:?}");
+    // Of sequences that are too short for a clip, none counts.
+    let (short, out) = (folder.join("short"), folder.join("measured-short"));
+    copy(&data.join("seq-000000"), &short.join("seq-000001"));
+    let transforms = short.join("seq-000001/transforms.json");
+    let mut told: Value = serde_json::from_slice(&std::fs::read(&transforms).unwrap()).unwrap();
+    told["frames"].as_array_mut().unwrap().truncate(3);
+    told["keyframes"] = json!([]);
+    std::fs::write(&transforms, told.to_string()).unwrap();
+    let evaluate = ["evaluate", "autoencoder", "--vae", text(&weights.vae), "--data", text(&short), "--out", text(&out)];
+    let said = fail(&evaluate);
+    assert!(said.contains("no sequence has 5 frames in a row") && !out.exists(), "{said}");
+    copy(&data.join("seq-000000"), &short.join("seq-000000"));
+    let output = renderflow(&evaluate);
+    assert!(stderr(&output).contains("short: 1 sequence without 5 frames in a row left out"), "{}", stderr(&output));
+    let alone: Value = serde_json::from_slice(&std::fs::read(out.join("autoencoder.json")).unwrap()).unwrap();
+    assert_eq!((&alone[0]["sequences"], &alone[0]["left_out"]), (&json!(1), &json!(1)));
+    assert_eq!((&alone[0]["kinds"], &sets[0]["left_out"]), (&sets[0]["kinds"], &json!(0)));
     let out = folder.join("measured-change");
     let more = ["--vae", text(&weights.vae), "--data", text(data), "--deferred", "--json", "--out", text(&out)];
     let sets: Value = serde_json::from_str(&succeed(&[&["evaluate", "autoencoder"][..], &more].concat())).unwrap();

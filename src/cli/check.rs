@@ -1,5 +1,6 @@
 use crate::dataset::inspect::{Inspected, inspect};
 use crate::util::console;
+use crate::util::text::plural;
 use anyhow::{Result, anyhow, bail};
 use clap::Args;
 use rayon::prelude::*;
@@ -48,7 +49,7 @@ impl Check {
             println!("{}", serde_json::to_string_pretty(&array)?);
         }
         if refused > 0 {
-            bail!("{refused} of {} files refused", self.files.len());
+            bail!("{refused} of {} refused", plural(self.files.len(), "file"));
         }
         Ok(())
     }

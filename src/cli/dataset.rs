@@ -6,6 +6,7 @@ use crate::dataset::{Shard, log, merge, planning, preview, render, repair, stats
 use crate::report;
 use crate::util::cancel::Cancel;
 use crate::util::ranges::{Resolution, within};
+use crate::util::text::plural;
 use crate::util::{files, output};
 use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand};
@@ -244,8 +245,8 @@ impl DatasetCommand {
             }
             Self::Merge(args) => {
                 let manifest = merge::merge(&Plan::read(&args.plan)?, &args.out, cancel)?;
-                let frames = manifest.frames;
-                println!("{} sequences, {} frames", manifest.entries.len(), frames.train + frames.val + frames.test);
+                let frames = manifest.frames.train + manifest.frames.val + manifest.frames.test;
+                println!("{}, {}", plural(manifest.entries.len(), "sequence"), plural(frames, "frame"));
                 Ok(())
             }
             Self::Verify(args) => args.run(cancel),
@@ -391,10 +392,11 @@ impl VerifyArgs {
                 "faults": faults.collect::<Vec<Value>>(),
             });
             println!("{}", serde_json::to_string_pretty(&findings)?);
-            ensure!(found.faults.is_empty(), "{}: {} faults", self.dataset.display(), found.faults.len());
+            ensure!(found.faults.is_empty(), "{}: {}", self.dataset.display(), plural(found.faults.len(), "fault"));
             return Ok(());
         }
-        println!("{} sequences, {} frames, {} bytes", found.sequences, found.frames, found.bytes);
+        let (sequences, frames) = (plural(found.sequences, "sequence"), plural(found.frames, "frame"));
+        println!("{sequences}, {frames}, {} bytes", found.bytes);
         println!("motion vectors against depth and cameras: {} of {} differ", agreement.motion_off, agreement.motion);
         println!("points found at their depth a frame later: {:.1} %", percent(agreement.seen, agreement.projected));
         if let Some(angle) = agreement.median_angle() {
@@ -408,7 +410,7 @@ impl VerifyArgs {
             println!("FAULT {fault}\n  to repair it: {}", fault.remedy);
         }
         if !found.faults.is_empty() {
-            bail!("{}: {} faults", self.dataset.display(), found.faults.len());
+            bail!("{}: {}", self.dataset.display(), plural(found.faults.len(), "fault"));
         }
         println!("no faults");
         Ok(())
@@ -420,7 +422,7 @@ impl RepairArgs {
         let plan = self.plan.as_deref().map(Plan::read).transpose()?;
         let repaired = repair::repair(&self.dataset, plan.as_ref(), Allowed(allowed.to_vec()), cancel)?;
         let render::Summary { made, kept, damaged, .. } = repaired.summary;
-        println!("{damaged} sequences were damaged; {made} frames made, {kept} kept");
+        println!("{} repaired; {} made, {kept} kept", plural(damaged, "sequence"), plural(made, "frame"));
         for file in &repaired.rewritten {
             println!("{file} written");
         }
@@ -429,7 +431,7 @@ impl RepairArgs {
         }
         match repaired.strangers.len() {
             0 => Ok(()),
-            more => bail!("{}: {more} folders are not part of the dataset and were left as they are", self.dataset.display()),
+            more => bail!("{}: {} outside of the plan left in place", self.dataset.display(), plural(more, "folder")),
         }
     }
 }
@@ -451,25 +453,26 @@ impl StatsArgs {
             if costs.frames > 0 {
                 let [compile, render, denoise, write] = costs.stages;
                 println!(
-                    "{} frames made in {:.1} s ({:.3} frames/s); one frame: compile {compile:.3}, render {render:.3}, denoise {denoise:.3}, write \
-                     {write:.3} s; one sequence: load {:.3}, read back {:.3} s; memory by tenths {:.0?} MiB, most {:.0}; {} failures",
-                    costs.frames,
+                    "{} made in {:.1} s ({:.3} frames/s); one frame: compile {compile:.3}, render {render:.3}, denoise {denoise:.3}, write \
+                     {write:.3} s; one sequence: load {:.3}, read back {:.3} s; memory by tenths {:.0?} MiB, most {:.0}; {}",
+                    plural(costs.frames, "frame"),
                     costs.wall,
                     costs.frames as f64 / costs.wall.max(1e-9),
                     costs.sequences[0],
                     costs.sequences[1],
                     costs.memory,
                     costs.peak,
-                    costs.failures
+                    plural(costs.failures, "failure")
                 );
             }
             let [complete, planned] = numbers.sequences;
             println!(
-                "{complete} of {planned} sequences, {} frames, {} bytes, {} meshes, {} environments: {}",
-                numbers.frames,
+                "{complete} of {}, {}, {} bytes, {}, {}: {}",
+                plural(planned, "sequence"),
+                plural(numbers.frames, "frame"),
                 numbers.bytes,
-                numbers.meshes,
-                numbers.environments,
+                plural(numbers.meshes, "mesh"),
+                plural(numbers.environments, "environment"),
                 out.display()
             );
         }

@@ -15,6 +15,7 @@ use crate::util::picture;
 use crate::util::progress::Progress;
 use crate::util::ranges::{Resolution, resolution};
 use crate::util::sheet;
+use crate::util::text::plural;
 use anyhow::{Result, ensure};
 use clap::Args;
 use renderflow_frame::file;
@@ -170,14 +171,17 @@ impl Demo {
         let setting = |name: &str, value: String| (name.to_owned(), value);
         let mut settings = vec![
             setting("scene", format!("{name}, BLAKE3 {}", loaded.hash)),
-            setting("size", format!("{width} x {height}, {} frames, keyframe gap {}", loaded.cameras.len(), self.keyframe_gap)),
-            setting("geometry", format!("{} instances, {triangles} triangles", loaded.instances.len())),
+            setting(
+                "size",
+                format!("{width} x {height}, {}, keyframe gap {}", plural(loaded.cameras.len(), "frame"), self.keyframe_gap),
+            ),
+            setting("geometry", format!("{}, {}", plural(loaded.instances.len(), "instance"), plural(triangles, "triangle"))),
             setting(
                 "truth",
                 format!(
-                    "{} spp, {} bounces, denoiser {}",
+                    "{} spp, {}, denoiser {}",
                     truth.render.spp,
-                    truth.render.max_bounces,
+                    plural(truth.render.max_bounces, "bounce"),
                     truth.denoiser_name().as_deref().unwrap_or("none")
                 ),
             ),

@@ -1,4 +1,5 @@
 use crate::util::machine;
+use crate::util::text::plural;
 use anyhow::Result;
 use clap::Args;
 use renderflow_model::device::{self, FoundDevice};
@@ -98,7 +99,7 @@ impl Network {
 
     fn shown(&self) -> String {
         match (self.steps, &self.problem) {
-            (Some(steps), _) => format!("inside the program, {steps} steps of training"),
+            (Some(steps), _) => format!("inside the program, {} of training", plural(steps, "step")),
             (None, problem) => format!("missing: {}", problem.as_deref().unwrap_or("unknown")),
         }
     }
@@ -157,7 +158,7 @@ impl Findings {
             ("inverse", self.inverse.shown()),
             ("LPIPS", lpips),
             ("GPUs", gpus),
-            ("processor", format!("{}, {} cores, {}", self.processor, self.cores, self.simd)),
+            ("processor", format!("{}, {}, {}", self.processor, plural(self.cores, "core"), self.simd)),
             ("memory", format!("{} available", size(self.memory))),
             ("disk", format!("{} free in the current folder", size(self.disk))),
         ]

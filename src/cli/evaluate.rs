@@ -8,6 +8,7 @@ use crate::report::table;
 use crate::util::cancel::Cancel;
 use crate::util::progress::Progress;
 use crate::util::ranges::within;
+use crate::util::text::plural;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand};
 use renderflow_model::lpips::WEIGHTS_VARIABLE;
@@ -182,7 +183,7 @@ impl Pictures {
         let progress = Progress::new("compare", 0);
         let compared = external::run(pictures, truth, &options, out, &progress, cancel)?;
         progress.finish();
-        eprintln!("{compared} pictures compared");
+        eprintln!("{} compared", plural(compared, "picture"));
         Ok(())
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::dataset::export::{self, Form};
 use crate::util::cancel::Cancel;
+use crate::util::text::plural;
 use anyhow::Result;
 use clap::Args;
 use std::path::PathBuf;
@@ -28,7 +29,7 @@ pub struct ExportArgs {
 impl ExportArgs {
     pub(super) fn run(self, cancel: &Cancel) -> Result<()> {
         let (sequences, frames) = export::export(&self.dataset, self.to, &self.out, cancel)?;
-        println!("{sequences} sequences, {frames} frames: {}", self.out.display());
+        println!("{}, {}: {}", plural(sequences, "sequence"), plural(frames, "frame"), self.out.display());
         Ok(())
     }
 }

@@ -30,6 +30,8 @@ use crate::evaluate::method::Method;
 use crate::evaluate::renderer;
 use crate::util::device::{self, DeviceArgs};
 use crate::util::ranges::within;
+use crate::util::text::plural;
+use crate::util::weights::{autoencoder, digests, inside};
 use crate::util::{files, stop};
 use anyhow::{Result, bail, ensure};
 use clap::error::ErrorKind;
@@ -38,7 +40,6 @@ use renderflow_model::device::NetworkDevice;
 use renderflow_model::fusion::{Fusion, FusionNet};
 use renderflow_model::network::trained::Described;
 use renderflow_model::renderer::Renderer;
-use renderflow_model::wan::video::{AUTOENCODER_FILE, WanRenderer};
 use renderflow_model::wan::{self, Autoencoder};
 use renderflow_renderer::Settings;
 use renderflow_scenes::LoadReport;
@@ -243,20 +244,8 @@ impl WeightsArgs {
 
     /// BLAKE3 of every weights file; without one, of the weights of `N` inside the program.
     fn digests<N: Described>(&self) -> Result<Vec<String>> {
-        let Some(path) = &self.weights else { return Ok(inside::<N>().into_iter().collect()) };
-        let wan = WanRenderer::recognises(path).then(|| autoencoder(self.vae.as_deref(), path));
-        std::iter::once(path).chain(&wan).map(|path| files::hash(path)).collect()
+        digests::<N>(self.weights.as_deref(), self.vae.as_deref())
     }
-}
-
-/// BLAKE3 of the weights of a network inside the program.
-fn inside<N: Described>() -> Option<String> {
-    N::shipped().map(|bytes| blake3::hash(bytes).to_hex().to_string())
-}
-
-/// The file of the autoencoder of the paper's network in the file `weights`: the one that is named, or the one beside it.
-fn autoencoder(named: Option<&Path>, weights: &Path) -> PathBuf {
-    named.map_or_else(|| parent(weights).join(AUTOENCODER_FILE), Path::to_owned)
 }
 
 /// The network that reads samples, in the file `weights` or inside the program, on a device.
@@ -352,26 +341,18 @@ impl Networks {
     }
 }
 
-/// The folder that relative paths in a file start from.
-fn parent(path: &Path) -> PathBuf {
-    match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p.to_owned(),
-        _ => PathBuf::from("."),
-    }
-}
-
 /// Prints what loading had to decide. It prints nothing where there was nothing to decide.
 fn print_report(report: &LoadReport) {
     let counted = [
-        (report.triangles.out_of_range, "triangles dropped: a vertex that does not exist"),
-        (report.triangles.not_finite, "triangles dropped: a coordinate that is not finite"),
-        (report.triangles.no_area, "triangles dropped: no area"),
-        (report.triangles.duplicate, "triangles dropped: duplicates"),
-        (report.triangles.needles, "needle triangles kept (a million times longer than high)"),
-        (report.repaired_texels, "texels of the environment were not finite or negative and are black"),
+        (report.triangles.out_of_range, "triangle", "dropped: a vertex that does not exist"),
+        (report.triangles.not_finite, "triangle", "dropped: a coordinate that is not finite"),
+        (report.triangles.no_area, "triangle", "dropped: no area"),
+        (report.triangles.duplicate, "triangle", "dropped: there already"),
+        (report.triangles.needles, "needle triangle", "kept (a million times longer than high)"),
+        (report.repaired_texels, "texel", "of the environment made black: not finite or negative"),
     ];
-    for (count, what) in counted.iter().filter(|(count, _)| *count > 0) {
-        eprintln!("note: {count} {what}");
+    for (count, noun, what) in counted.into_iter().filter(|(count, ..)| *count > 0) {
+        eprintln!("note: {} {what}", plural(count, noun));
     }
     for note in &report.notes {
         eprintln!("note: {note}");

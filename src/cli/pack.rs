@@ -2,6 +2,7 @@
 
 use crate::dataset::pack::{self, Frames};
 use crate::util::cancel::Cancel;
+use crate::util::text::plural;
 use anyhow::{Result, bail};
 use clap::Args;
 use std::path::PathBuf;
@@ -40,7 +41,8 @@ impl PackArgs {
         let manifest = pack::pack(dataset, out, self.samples_per_shard, self.profile, cancel)?;
         let bytes: u64 = manifest.shards.iter().map(|shard| shard.bytes).sum();
         let samples: u64 = manifest.samples.values().sum();
-        println!("{} shards, {samples} samples, {bytes} bytes: {}", manifest.shards.len(), out.join(pack::MANIFEST).display());
+        let (shards, samples) = (plural(manifest.shards.len(), "shard"), plural(samples, "sample"));
+        println!("{shards}, {samples}, {bytes} bytes: {}", out.join(pack::MANIFEST).display());
         Ok(())
     }
 }

@@ -3,6 +3,7 @@
 use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::console::{self, message};
 use crate::util::progress::{self, Display};
+use crate::util::text::plural;
 use crate::util::{log, stop};
 use anyhow::{Context, Result, bail};
 use clap::{ArgAction, Args};
@@ -60,7 +61,7 @@ fn threads(asked: usize) -> usize {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let most = THREADS_A_CORE * cores;
     if asked > most {
-        eprintln!("note: --threads {asked}: {most} are used, {THREADS_A_CORE} for each of the {cores} cores");
+        eprintln!("note: --threads {asked}: {most} are used, {THREADS_A_CORE} for each of {}", plural(cores, "core"));
     }
     asked.min(most)
 }

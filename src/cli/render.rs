@@ -16,6 +16,7 @@ use crate::util::progress::Progress;
 use crate::util::ranges::{Resolution, within};
 use crate::util::stop;
 use crate::util::tev::Tev;
+use crate::util::text::plural;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use renderflow_frame::frame_file::Profile;
@@ -355,7 +356,7 @@ impl Render {
             if !self.json {
                 progress.print(&match frame.info.sampling.as_str() {
                     "" => path.display().to_string(),
-                    sampling => format!("{} ({sampling}: {} samples per pixel)", path.display(), frame.info.spp),
+                    sampling => format!("{} ({sampling}: {} per pixel)", path.display(), plural(frame.info.spp, "sample")),
                 });
             }
             written.push(json!({ "file": path, "spp": frame.info.spp, "sampling": frame.info.sampling }));

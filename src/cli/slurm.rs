@@ -1,4 +1,5 @@
 use crate::dataset::slurm::{Memory, Request};
+use crate::util::text::plural;
 use anyhow::{Context, Result};
 use clap::Args;
 use std::path::PathBuf;
@@ -77,7 +78,7 @@ impl SlurmArgs {
             extra: self.extra,
         };
         let tasks = request.write(self.overwrite)?;
-        println!("{tasks} tasks, one for each sequence; submit them with {}", submit.display());
+        println!("{}, one for each sequence; submit with {}", plural(tasks, "task"), submit.display());
         Ok(())
     }
 }

@@ -1,5 +1,6 @@
 use crate::util::files;
 use crate::util::output::{self, OVERWRITE};
+use crate::util::text::plural;
 use anyhow::{Result, bail, ensure};
 use clap::{Args, Subcommand};
 use renderflow_frame::file::Draft;
@@ -178,7 +179,7 @@ impl Inspect {
         if self.json {
             println!("{}", serde_json::to_string_pretty(&array)?);
         }
-        ensure!(refused == 0, "{refused} of {} files cannot be read", files.len());
+        ensure!(refused == 0, "{refused} of {} cannot be read", plural(files.len(), "file"));
         Ok(())
     }
 }
@@ -215,8 +216,12 @@ fn print(source: &Source, identity: &Identity) {
         println!("{name:width$}  {tensors:>5} tensors {parameters:>13} parameters");
     }
     match identity {
-        Identity::Fusion(header) => println!("\n{path}: network that reads samples, {} steps of training", header.steps),
-        Identity::Inverse(header) => println!("\n{path}: network that inverts pictures, {} steps of training", header.steps),
+        Identity::Fusion(header) => {
+            println!("\n{path}: network that reads samples, {} of training", plural(header.steps, "step"))
+        }
+        Identity::Inverse(header) => {
+            println!("\n{path}: network that inverts pictures, {} of training", plural(header.steps, "step"))
+        }
         Identity::Unknown(reason) => println!("\n{path}: unknown network: {reason}"),
         Identity::Wan(found) => {
             let name = found.header.network.name();
@@ -317,7 +322,7 @@ impl Convert {
                 let (to, precision) = (self.naming, self.precision.unwrap_or_else(|| stored(&source)));
                 let report = wan::convert(&source, to_file, &found.header, precision, to)?;
                 let (name, out) = (found.header.network.name(), self.output.display());
-                format!("{out}: {name}, {} tensors, {} names from {}", report.read, naming(to), naming(report.naming))
+                format!("{out}: {name}, {}, {} names from {}", plural(report.read, "tensor"), naming(to), naming(report.naming))
             }
         };
         if beside.is_some() {

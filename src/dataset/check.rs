@@ -7,6 +7,7 @@ use super::sequence::Sequence;
 use super::sequence::fits;
 use crate::dataset::layout::DESCRIPTIONS;
 use crate::dataset::plan::is_keyframe;
+use crate::util::text::plural;
 use anyhow::{Result, bail, ensure};
 use rayon::prelude::*;
 use renderflow_frame::{Camera, Frame, FrameInfo, file, frame_file};
@@ -81,7 +82,7 @@ pub fn sequence(plan: &Plan, folder: &Path, header: Header<'_>) -> Result<Checke
     match faults.split_first() {
         None => Ok(checked),
         Some(((_, first), [])) => bail!("{first}"),
-        Some(((_, first), rest)) => bail!("{first} (and {} more faults)", rest.len()),
+        Some(((_, first), rest)) => bail!("{first} (and {})", plural(rest.len(), "more fault")),
     }
 }
 
@@ -93,7 +94,7 @@ pub fn read(plan: &Plan, folder: &Path, header: Header<'_>) -> Result<Reading> {
     let opened = Sequence::open_without_record(folder)?;
     opened.light()?;
     let numbers: Vec<usize> = plan.numbers().collect();
-    ensure!(opened.len() == numbers.len(), "transforms.json: {} frames, the plan has {}", opened.len(), numbers.len());
+    ensure!(opened.len() == numbers.len(), "transforms.json: {}, the plan has {}", plural(opened.len(), "frame"), numbers.len());
     ensure!(opened.numbers == numbers, "transforms.json: its frames are not those of the plan");
     let keyframes: Vec<usize> = opened.transforms.keyframes.iter().filter_map(|&i| numbers.get(i).copied()).collect();
     ensure!(keyframes == plan.keyframe_numbers().collect::<Vec<_>>(), "transforms.json: its keyframes are not those of the plan");
@@ -186,8 +187,8 @@ impl Reader<'_> {
         let planned = plan.samples(number);
         ensure!(
             frame.info.spp == planned || plan.render.adaptive && planned > 0 && frame.info.spp > 0,
-            "{} samples per pixel, the plan has {planned}",
-            frame.info.spp
+            "{} per pixel, the plan has {planned}",
+            plural(frame.info.spp, "sample")
         );
         ensure!((planned == 0) == frame.beauty.is_none(), "has a beauty where the plan has none, or none where it has one");
         verify_frame(&frame)?;

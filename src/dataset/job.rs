@@ -17,6 +17,7 @@ use crate::util::machine;
 use crate::util::output;
 use crate::util::progress::Progress;
 use crate::util::stop;
+use crate::util::text::plural;
 use anyhow::{Context, Result, bail};
 use clean::Cleaner;
 use glam::Affine3A;
@@ -185,7 +186,7 @@ impl TruthSettings {
         cancel: &Cancel,
     ) -> Result<(Frame, [f64; 2])> {
         if stats.non_finite_samples > 0 {
-            eprintln!("warning: {} samples were not finite and count as black", stats.non_finite_samples);
+            eprintln!("warning: {} made black: not finite", plural(stats.non_finite_samples, "sample"));
         }
         let traced = started.elapsed().as_secs_f64();
         if let Some(denoiser) = self.denoiser.as_ref().filter(|_| self.neighbours == Neighbours::Alone) {
@@ -425,7 +426,7 @@ impl OpenSequence<'_> {
         tracing::info!(seconds, features = ?compiled.features(), "compiled");
         let limited = compiled.environment_repairs().limited;
         if limited > 0 {
-            eprintln!("note: {limited} components of the environment were beyond 1e32 and count as that");
+            eprintln!("note: {} of the environment beyond 1e32 set to that", plural(limited, "component"));
         }
         self.compiled = Some(compiled);
         Ok(())
@@ -437,7 +438,7 @@ impl OpenSequence<'_> {
         let path = self.path(number);
         let (bytes, clamped) = self.job.storage.encode(&path, frame)?;
         if clamped > 0 {
-            eprintln!("warning: {}: {clamped} values beyond 65504 were clamped", path.display());
+            eprintln!("warning: {}: {} beyond 65504 clamped", path.display(), plural(clamped, "value"));
         }
         stop::hold(|| file::write_atomic(&path, &bytes))?;
         Ok(Cost { write: written.elapsed().as_secs_f64(), bytes: bytes.len() as u64, ..Cost::default() })

@@ -4,6 +4,7 @@ use super::agreement::Agreement;
 use super::plan::{Plan, is_keyframe};
 use super::statistics::Statistics;
 use crate::dataset::layout::{DESCRIPTIONS, FAILURES, RECORD, frame_file};
+use crate::util::text::plural;
 use anyhow::{Context, Result, anyhow, ensure};
 use renderflow_frame::file;
 use renderflow_frame::reach::plain_name;
@@ -263,7 +264,7 @@ impl Record {
         }
         let numbers: Vec<usize> = plan.numbers().collect();
         if self.frames.len() != numbers.len() {
-            misfits.push(format!("/frames: {} frames, the plan has {}", self.frames.len(), numbers.len()));
+            misfits.push(format!("/frames: {}, the plan has {}", plural(self.frames.len(), "frame"), numbers.len()));
         }
         for (i, (frame, number)) in self.frames.iter().zip(numbers).enumerate() {
             let samples = plan.samples(number);

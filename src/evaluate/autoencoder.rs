@@ -6,6 +6,7 @@ use crate::util::cancel::Cancel;
 use crate::util::device::DeviceArgs;
 use crate::util::output;
 use crate::util::progress::Progress;
+use crate::util::text::plural;
 use anyhow::{Result, ensure};
 use clap::Args;
 use renderflow_frame::file;
@@ -52,7 +53,10 @@ pub struct Options {
 #[derive(Serialize)]
 struct Set {
     name: String,
+    /// Those that have a clip.
     sequences: usize,
+    /// Number of sequences that are too short for a clip.
+    left_out: usize,
     /// PSNR, dB, of pictures by themselves, and of each frame of clips, by kind.
     kinds: BTreeMap<String, [Vec<f32>; 2]>,
 }
@@ -64,8 +68,17 @@ impl Options {
         output::absent(&path)?;
         let (vae, _) = Vae::open(&self.vae, &VaeConfig::wan(), self.device.open()?.device())?;
         let mut sets: BTreeMap<String, Dataset> = BTreeMap::new();
+        let mut short: BTreeMap<String, usize> = BTreeMap::new();
         for test in find::find(&self.data)? {
-            sets.entry(test.set).or_default().sequences.push(test.sequence);
+            if has_clip(&test.sequence.numbers, self.frames as usize) {
+                sets.entry(test.set).or_default().sequences.push(test.sequence);
+            } else {
+                *short.entry(test.set).or_default() += 1;
+            }
+        }
+        ensure!(!sets.is_empty(), "{}: no sequence has {} frames in a row", self.data.display(), self.frames);
+        for (set, count) in &short {
+            eprintln!("note: {set}: {} without {} frames in a row left out", plural(*count, "sequence"), self.frames);
         }
         if self.deferred {
             sets = sets.into_iter().map(|(name, data)| (name, data.shaded(allowed, None))).collect();
@@ -86,10 +99,14 @@ impl Options {
                 round_trip(&vae, data, frames as usize, self.clips as usize, &mut told)
             };
             let [stills, clips] = [trips(1)?, trips(self.frames)?];
-            found.push(Set { name: name.clone(), sequences: data.sequences.len(), kinds: table(stills, clips) });
+            found.push(Set {
+                name: name.clone(),
+                sequences: data.sequences.len(),
+                left_out: short.get(name).copied().unwrap_or(0),
+                kinds: table(stills, clips),
+            });
         }
         progress.finish();
-        ensure!(!found.is_empty(), "{}: no sequences", self.data.display());
         std::fs::create_dir_all(&self.out)?;
         file::write_json(&path, &found)?;
         if self.json {
@@ -111,6 +128,13 @@ impl Options {
     }
 }
 
+/// Whether a clip of `frames` frames is among those of these numbers: as [`round_trip`] takes them, without a gap.
+fn has_clip(numbers: &[usize], frames: usize) -> bool {
+    let distances = numbers.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
+    let length = (frames - 1) * distances.min().unwrap_or(1).max(1);
+    numbers.windows(frames).any(|clip| clip[0] + length == clip[frames - 1])
+}
+
 fn table(stills: Vec<RoundTrip>, clips: Vec<RoundTrip>) -> BTreeMap<String, [Vec<f32>; 2]> {
     let name = |trip: &RoundTrip| match trip.of {
         Measured::Kind(kind) => format!("{kind:?}").to_lowercase(),
@@ -118,4 +142,23 @@ fn table(stills: Vec<RoundTrip>, clips: Vec<RoundTrip>) -> BTreeMap<String, [Vec
         Measured::Deferred => "deferred".into(),
     };
     stills.into_iter().zip(clips).map(|(still, clip)| (name(&still), [still.psnr, clip.psnr])).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clips_have_no_gaps() {
+        for (numbers, frames, found) in [
+            (&[0, 1, 2, 3, 4][..], 5, true),
+            (&[0, 1, 2, 3], 5, false),
+            (&[0, 2, 4, 6, 9], 4, true),
+            (&[0, 2, 4, 7, 9], 4, false),
+            (&[3], 2, false),
+            (&[], 2, false),
+        ] {
+            assert_eq!(has_clip(numbers, frames), found, "{numbers:?}");
+        }
+    }
 }

@@ -10,6 +10,7 @@ use crate::metrics::{self, Hdr, Networks, values};
 use crate::util::cancel::Cancel;
 use crate::util::output::Claim;
 use crate::util::progress::Progress;
+use crate::util::text::plural;
 use crate::util::{files, picture};
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
@@ -202,9 +203,9 @@ fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
     }
     if best.len() < count {
         eprintln!(
-            "note: {}: {} pictures are there in several forms; radiance is taken (EXR, else HDR)",
+            "note: {}: {} in several forms; radiance is taken (EXR, else HDR)",
             folder.display(),
-            count - best.len()
+            plural(count - best.len(), "picture")
         );
     }
     Ok(best.into_values().collect())
@@ -267,7 +268,12 @@ fn matched<'a>(predictions: &Path, folders: &'a [TruthFolder], partial: bool) ->
         pairs.push(found);
     }
     let count: usize = pairs.iter().map(Vec::len).sum();
-    ensure!(count > 0, "{}: none of its {} pictures has the name or number of a truth", predictions.display(), all.len());
+    ensure!(
+        count > 0,
+        "{}: none of its {} has the name or number of a truth",
+        predictions.display(),
+        plural(all.len(), "picture")
+    );
     if let Some(first) = missing.first().filter(|_| !partial) {
         bail!("{}: no picture for {} of the truths, the first is {}", predictions.display(), missing.len(), first.display());
     }
@@ -306,7 +312,7 @@ fn read(path: &Path, exposure: f32, expected: Option<[usize; 2]>) -> Result<Read
         }
     }
     if broken > 0 {
-        eprintln!("note: {}: {broken} pixels were not finite and count as black", path.display());
+        eprintln!("note: {}: {} made black: not finite", path.display(), plural(broken, "pixel"));
     }
     Ok(Read { display: linear.map(|p| color::display(*p, exposure)), linear: Some(linear), alpha: None, frame: None })
 }

@@ -1,5 +1,6 @@
 //! Finds the sequences to evaluate, and names the test set and the class of each.
 
+use super::results::place;
 use crate::dataset::plan::SPLITS;
 use crate::dataset::sequence::{self, Sequence};
 use crate::dataset::testset::{SET, SetFile};
@@ -18,6 +19,13 @@ pub struct TestSequence {
     pub class: String,
     /// The sequence.
     pub sequence: Sequence,
+}
+
+impl TestSequence {
+    /// Its set, class and name, as [`SequenceSummary::place`](super::results::SequenceSummary::place).
+    pub fn place(&self) -> String {
+        place(&self.set, &self.class, &self.sequence.name)
+    }
 }
 
 /// Finds every sequence at or below `data`, ordered by set, class and name. The first folder between `data` and a sequence is the

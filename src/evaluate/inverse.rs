@@ -9,13 +9,15 @@ use crate::metrics::intrinsics::{self, Buffers, COLUMNS, Column};
 use crate::metrics::{Networks, median};
 use crate::util::cancel::Cancel;
 use crate::util::device::{DeviceArgs, recorded};
-use crate::util::output;
-use crate::util::picture;
 use crate::util::progress::Progress;
+use crate::util::text::plural;
+use crate::util::weights::digests;
+use crate::util::{files, output, picture};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{DepthBounds, Image, file};
+use renderflow_model::inverse::InverseNet;
 use renderflow_model::wan::flow::Intrinsic;
 use renderflow_model::wan::pictures::{EnvironmentView, Pictures};
 use serde::Serialize;
@@ -88,6 +90,15 @@ pub struct Row {
 #[derive(Serialize)]
 struct Results<'a> {
     columns: &'a [Column],
+    /// BLAKE3 of the weights, which are in files or inside the program; empty for buffers of another method.
+    weights: Vec<String>,
+    /// BLAKE3 of the names and the content of the files of another method.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    buffers: Option<String>,
+    /// BLAKE3 of what was read of each sequence, by set, class and name.
+    data: BTreeMap<String, String>,
+    /// The first two of every so many frames were measured.
+    every: u32,
     /// Device of the network; `None` for the processor.
     #[serde(skip_serializing_if = "Option::is_none")]
     device: Option<String>,
@@ -181,13 +192,18 @@ impl Options {
             let twice = tests.iter().map(|test| test.sequence.name.clone()).find(|name| !names.insert(name.clone()));
             ensure!(twice.is_none(), "two sequences are called {}: name one class of scenes", twice.unwrap_or_default());
         }
+        let (weights, buffers) = match &method {
+            Method::Network(_) => (digests::<InverseNet>(self.weights.as_deref(), self.vae.as_deref())?, None),
+            Method::Folder(folder) => (Vec::new(), Some(digest(folder, &tests, self.every)?)),
+        };
+        let data = run::digests(&tests, |sequence| run::chosen(sequence.len(), self.every), cancel)?;
         let sets = measure(&method, &tests, self.every, &Networks::find()?, cancel)?;
         if let Method::Folder(folder) = method {
             let any = sets.iter().any(|set| !set.rows[0].values.is_empty());
             ensure!(any, "{}: no buffers of any frame of {}", folder.display(), self.data.display());
         }
         std::fs::create_dir_all(&self.out)?;
-        let results = Results { columns: &COLUMNS, device, sets };
+        let results = Results { columns: &COLUMNS, weights, buffers, data, every: self.every, device, sets };
         file::write_json(&path, &results)?;
         if self.json {
             println!("{}", serde_json::to_string_pretty(&results)?);
@@ -228,7 +244,7 @@ fn frame(
             seconds.push(started.elapsed().as_secs_f64());
             found.swap_remove(0)
         }
-        Method::Folder(root) => read(&root.join(&sequence.name).join(&sequence.transforms.files[index]).with_extension(""))?,
+        Method::Folder(root) => read(&root.join(name(sequence, index)))?,
     };
     let start = Buffers {
         albedo: Some(shown),
@@ -253,12 +269,39 @@ fn is_depth(z: f32) -> bool {
     z > 0.0 && z.is_finite()
 }
 
+/// What the paths of a frame's buffers begin with, in the folder of a method.
+fn name(sequence: &Sequence, index: usize) -> PathBuf {
+    Path::new(&sequence.name).join(&sequence.transforms.files[index]).with_extension("")
+}
+
+/// The file of a buffer whose path begins with `name`.
+fn buffer(name: &Path, intrinsic: Intrinsic) -> PathBuf {
+    let mut path = name.to_owned().into_os_string();
+    path.push(format!(".{}.png", intrinsic.name()));
+    PathBuf::from(path)
+}
+
+/// BLAKE3 of the names and the content of the buffers in the folder `root`, of the first two of every `every` frames.
+fn digest(root: &Path, tests: &[TestSequence], every: u32) -> Result<String> {
+    let mut found = BTreeMap::new();
+    for TestSequence { sequence, .. } in tests {
+        for index in run::chosen(sequence.len(), every) {
+            for intrinsic in Intrinsic::ALL {
+                let file = buffer(&name(sequence, index), intrinsic);
+                let path = root.join(&file);
+                if path.is_file() {
+                    found.insert(file, files::hash(&path)?);
+                }
+            }
+        }
+    }
+    Ok(blake3::hash(&serde_json::to_vec(&found)?).to_hex().to_string())
+}
+
 /// The buffers in files whose paths begin with `name`.
 fn read(name: &Path) -> Result<Buffers> {
     let read = |intrinsic: Intrinsic| -> Result<Option<Rgb>> {
-        let mut path = name.to_owned().into_os_string();
-        path.push(format!(".{}.png", intrinsic.name()));
-        let path = PathBuf::from(path);
+        let path = buffer(name, intrinsic);
         if path.is_file() { picture::display_values(&path).map(Some) } else { Ok(None) }
     };
     Ok(Buffers {
@@ -270,7 +313,7 @@ fn read(name: &Path) -> Result<Buffers> {
 }
 
 fn print(set: &Set) {
-    println!("{}: {} frames", set.name, set.frames);
+    println!("{}: {}", set.name, plural(set.frames, "frame"));
     for column in &COLUMNS {
         let cell = |row: &Row| row.values.get(column.id).map_or_else(|| "-".to_owned(), |value| value.shown(column.digits));
         let cells: Vec<String> = set.rows.iter().map(|row| format!("{} {:26}", row.method, cell(row))).collect();

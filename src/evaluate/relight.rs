@@ -3,7 +3,7 @@
 
 use super::find;
 use super::inverter::{Inverter, WanOptions, image, unit};
-use super::shell;
+use super::{run, shell};
 use crate::dataset::Sequence;
 use crate::dataset::denoise::Denoise;
 use crate::dataset::job::{SequenceJob, TruthSettings};
@@ -18,6 +18,8 @@ use crate::util::picture;
 use crate::util::progress::Progress;
 use crate::util::ranges::within;
 use crate::util::sheet::{Tile, sheet};
+use crate::util::text::plural;
+use crate::util::weights::digests;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use renderflow_frame::color::{display, srgb_to_linear};
@@ -25,12 +27,13 @@ use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
 use renderflow_frame::{DepthBounds, Frame, Image, Light, file, ibl};
+use renderflow_model::inverse::InverseNet;
 use renderflow_model::wan::flow::Intrinsic;
 use renderflow_model::wan::pictures::{EnvironmentView, Pictures};
 use renderflow_renderer::Settings;
 use renderflow_renderer::denoise::{self, Denoiser};
 use renderflow_scenes::description::Scene;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -90,12 +93,29 @@ pub struct Options {
     json: bool,
 }
 
-/// What decides the pictures in the folder.
-#[derive(PartialEq, Serialize, serde::Deserialize)]
+/// What decides the truth.
+#[derive(PartialEq, Serialize, Deserialize)]
 struct About {
     about: String,
     turn: f32,
     spp: u32,
+}
+
+/// What decides the results. It is written into the folder, so that no other results take their place.
+#[derive(PartialEq, Serialize, Deserialize)]
+struct Record {
+    about: String,
+    turn: f32,
+    spp: u32,
+    /// BLAKE3 of the weights, which are in files or inside the program. Older programs recorded none.
+    #[serde(default)]
+    weights: Vec<String>,
+    /// BLAKE3 of what was read of each sequence, by set, class and name. Older programs recorded none.
+    #[serde(default)]
+    data: BTreeMap<String, String>,
+    /// Device of the network; `None` for the processor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    device: Option<String>,
 }
 
 /// Errors of one kind of buffers.
@@ -109,10 +129,7 @@ struct Row {
 #[derive(Serialize)]
 struct Results {
     #[serde(flatten)]
-    about: About,
-    /// Device of the network; `None` for the processor.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    device: Option<String>,
+    record: Record,
     sequences: usize,
     rows: Vec<Row>,
 }
@@ -133,9 +150,19 @@ impl Options {
             ensure!(first == Some(&0), "{folder}: frame 0 is missing; it is the one that is inverted and rendered again");
         }
         let settings = TruthSettings::quiet(Settings { spp: self.spp, ..Settings::default() }, Denoise::Auto)?;
-        let about = || About { about: "truth under another light".into(), turn: self.turn, spp: self.spp };
-        let claim = Claim::new(&self.out.join("truth"), RECORD, &about(), "pictures of another light")?;
+        let (about, turn, spp) = ("truth under another light".to_owned(), self.turn, self.spp);
+        let record = Record {
+            about: about.clone(),
+            turn,
+            spp,
+            weights: digests::<InverseNet>(self.weights.as_deref(), self.vae.as_deref())?,
+            data: run::digests(&tests, |_| vec![0], cancel)?,
+            device: recorded(&device),
+        };
+        let truth = Claim::new(&self.out.join("truth"), RECORD, &About { about, turn, spp }, "pictures of another light")?;
+        let claim = Claim::new(&self.out, RECORD, &record, "results of other weights, data or devices")?;
         claim.write()?;
+        truth.write()?;
         let lpips = Networks::find()?;
         let mut tracer = Tracer { spp: self.spp, denoiser: Denoiser::with_options(denoise::Options::default()).ok(), cancel };
 
@@ -158,7 +185,7 @@ impl Options {
             found.push(measured.with_context(|| test.sequence.folder.display().to_string())?);
         }
         progress.finish();
-        let results = Results { about: about(), device: recorded(&device), sequences: found.len(), rows: rows(&found) };
+        let results = Results { record, sequences: found.len(), rows: rows(&found) };
         let path = self.out.join(RECORD);
         file::write_json(&path, &results)?;
         if self.json {
@@ -308,7 +335,7 @@ fn rows(found: &[Vec<BTreeMap<String, f64>>]) -> Vec<Row> {
 }
 
 fn print(results: &Results) {
-    println!("{} sequences, light turned by {} degrees", results.sequences, results.about.turn);
+    println!("{}, light turned by {} degrees", plural(results.sequences, "sequence"), results.record.turn);
     for metric in METRICS.iter().filter(|metric| SHOWN.contains(&metric.id)) {
         println!("  {}: {}", metric.label, metric.meaning);
         for row in &results.rows {

@@ -4,7 +4,8 @@
 use super::find::TestSequence;
 use super::method::Method;
 use super::renderer::{self, Drawing, MethodRenderer, Picture};
-use super::results::{ABOUT, About, Score, SequenceSummary, TRUTH, Truth, VERSION, picture_file, place};
+use super::results::{ABOUT, About, Score, SequenceSummary, TRUTH, Truth, VERSION, picture_file};
+use crate::dataset::Sequence;
 use crate::dataset::job;
 use crate::dataset::layout::AUDIT;
 use crate::dataset::record::Record;
@@ -14,6 +15,7 @@ use crate::metrics::{self, Hdr, Metrics, Networks, median, values};
 use crate::util::cancel::Cancel;
 use crate::util::output::Claim;
 use crate::util::progress::Progress;
+use crate::util::text::plural;
 use crate::util::{machine, picture};
 use anyhow::{Context, Result, bail, ensure};
 use rayon::prelude::*;
@@ -57,16 +59,12 @@ pub fn run(tests: &[TestSequence], options: &Options, out: &Path, progress: &Pro
     check(options, out)?;
     let named = |test: &TestSequence| test.sequence.folder.display().to_string();
     tests.iter().try_for_each(|test| ready(test, options.every).with_context(|| named(test)))?;
-    let digest = |test: &TestSequence| {
-        cancel.check()?;
-        test.sequence.digest(&chosen(test.sequence.len(), options.every)).with_context(|| named(test))
-    };
-    let digests = tests.par_iter().map(digest).collect::<Result<Vec<String>>>()?;
-    let name = |test: &TestSequence| place(&test.set, &test.class, &test.sequence.name);
-    let asked = tests.iter().map(name).zip(digests.iter().cloned()).collect();
-    let claim = claim(&About { sequences: Some(asked), ..about(options) }, out)?;
+    let digests = digests(tests, |sequence| chosen(sequence.len(), options.every), cancel)?;
+    let claim = claim(&About { sequences: Some(digests.clone()), ..about(options) }, out)?;
     let evaluation = Evaluation { options, claim: &claim, progress, cancel };
-    for (test, data) in tests.iter().zip(&digests) {
+    for test in tests {
+        let name = test.place();
+        let data = &digests[&name];
         let class = out.join(&test.set).join(&test.class);
         let done = class.join(format!("{}.json", test.sequence.name));
         let indices = chosen(test.sequence.len(), options.every);
@@ -76,11 +74,29 @@ pub fn run(tests: &[TestSequence], options: &Options, out: &Path, progress: &Pro
             progress.resume(indices.len() as u64);
             continue;
         }
-        progress.message(name(test));
+        progress.message(name);
         let summary = evaluation.sequence(test, &indices, &class).with_context(|| named(test))?;
         file::write_json(&done, &SequenceSummary { data: Some(data.clone()), ..summary })?;
     }
     claim.write()
+}
+
+/// The [digest](Sequence::digest) of the data of each sequence, of which the frames `chosen` are read, by its place.
+///
+/// # Errors
+/// When stopped; when a file cannot be read.
+pub(super) fn digests(
+    tests: &[TestSequence],
+    chosen: impl Fn(&Sequence) -> Vec<usize> + Sync,
+    cancel: &Cancel,
+) -> Result<BTreeMap<String, String>> {
+    let digest = |test: &TestSequence| {
+        cancel.check()?;
+        let sequence = &test.sequence;
+        let digest = sequence.digest(&chosen(sequence)).with_context(|| sequence.folder.display().to_string())?;
+        Ok((test.place(), digest))
+    };
+    tests.par_iter().map(digest).collect()
 }
 
 /// The number of frames of a sequence that are evaluated.
@@ -109,7 +125,7 @@ fn ready(test: &TestSequence, every: u32) -> Result<()> {
 
 /// The processor and the number of threads, on which seconds depend.
 pub fn machine() -> String {
-    format!("{}, {} threads", machine::processor(), rayon::current_num_threads())
+    format!("{}, {}", machine::processor(), plural(rayon::current_num_threads(), "thread"))
 }
 
 /// The names of the LPIPS networks that are there.
@@ -155,7 +171,8 @@ fn claim(about: &About, out: &Path) -> Result<Claim> {
     Claim::agreed(out, ABOUT, about, |stored: &About| {
         let same = (&stored.methods, &stored.settings) == (&about.methods, &about.settings);
         ensure!(same, "the folder holds results of other methods or settings; choose another folder");
-        let (then, now) = (&stored.machine, &about.machine);
+        // Older programs wrote "1 threads".
+        let (then, now) = (&stored.machine.replace(", 1 threads", ", 1 thread"), &about.machine);
         ensure!(then == now, "the folder holds seconds of {then}, and these would be of {now}; choose another folder");
         if let (Some(then), Some(now)) = (&stored.lpips, &about.lpips) {
             ensure!(then == now, "the folder holds results with LPIPS of {then}, and here it is {now}; choose another folder");
@@ -286,7 +303,8 @@ impl Evaluation<'_> {
                 seconds: Some(median(&job::seconds(&sequence.folder))).filter(|s| s.is_finite()),
                 keyframe_seconds: Some(median(&job::seconds_of(&sequence.folder, &numbers(&sequence.transforms.keyframes))))
                     .filter(|s| s.is_finite()),
-                noise: (!noise.is_empty()).then(|| decibel(noise.iter().sum::<f64>() / noise.len() as f64)),
+                // JSON has no NaN.
+                noise: Some(decibel(noise.iter().sum::<f64>() / noise.len() as f64)).filter(|noise| !noise.is_nan()),
                 error: error.map(|audit| audit.error),
             },
             once: methods.once(),

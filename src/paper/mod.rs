@@ -16,6 +16,7 @@ use crate::metrics::Networks;
 use crate::util::cancel::Cancel;
 use crate::util::machine;
 use crate::util::output::Claim;
+use crate::util::text::plural;
 use anyhow::Result;
 use lab::Lab;
 use renderflow_frame::file;
@@ -77,21 +78,20 @@ fn preface(options: &Options) -> String {
     };
     let time = match scale.minutes {
         Some(minutes) => format!("{minutes} minutes a training run"),
-        None => format!("{} steps a training run: these numbers mean nothing", scale.steps),
+        None => format!("{} a training run: these numbers mean nothing", plural(scale.steps, "step")),
     };
     format!(
         "# The paper's experiments on open data\n\n\
          The paper's numbers (right column) come from Unreal renders that were never published, with 1.4 to 1.7 billion parameters and \
          days of training on GPUs. The others come from scenes of this program, from `{}` and {time}.{autoencoder} So rows compare with rows of the \
          same table, and not with the right column. Test scenes share no mesh family, light or seed with training. Numbers are means \
-         over {} test sequences; brackets hold 95 % of the means of sequences that are drawn again and again. PSNR full, SSIM and LPIPS \
-         are of the full frame of {} x {} pixels, environment included. Seconds were measured on {} with {} {}.\n",
+         over {}; brackets hold 95 % of the means of sequences that are drawn again and again. PSNR full, SSIM and LPIPS \
+         are of the full frame of {} x {} pixels, environment included. Seconds were measured on {} with {}.\n",
         scale.preset,
-        scale.test[0],
+        plural(scale.test[0], "test sequence"),
         scale.side,
         scale.side,
         machine::processor(),
-        threads,
-        if threads == 1 { "thread" } else { "threads" },
+        plural(threads, "thread"),
     )
 }

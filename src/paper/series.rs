@@ -9,6 +9,7 @@ use crate::evaluate::results::Results;
 use crate::metrics::psnr::psnr;
 use crate::report::plot::{self, Line, Plot, Point, Scale};
 use crate::util::progress::Progress;
+use crate::util::text::plural;
 use anyhow::{Context, Result};
 use renderflow_frame::{color, file};
 use serde::{Deserialize, Serialize};
@@ -26,8 +27,10 @@ struct Runs {
 pub fn determinism(lab: &Lab) -> Result<Table> {
     let [runs, frames] = lab.scale.runs;
     let text = format!(
-        "{runs} runs of {frames} frames, each with another seed. The paper reports no variance for RenderFlow, and a large one for the \
-         baselines from noise, over 10 runs of 100 frames."
+        "{} of {}, each with another seed. The paper reports no variance for RenderFlow, and a large one for the \
+         baselines from noise, over 10 runs of 100 frames.",
+        plural(runs, "run"),
+        plural(frames, "frame")
     );
     let mut table = Table::new("Determinism", &text, &["psnr_full", "spread"]);
     table.heads = vec!["PSNR full".into(), "standard deviation over runs, dB".into()];

@@ -17,6 +17,7 @@ use crate::evaluate::run;
 use crate::report::steps::Steps;
 use crate::util::picture;
 use crate::util::progress::Progress;
+use crate::util::text::plural;
 use crate::util::text::short;
 use anyhow::{Context, Result};
 use clap::ValueEnum;
@@ -137,7 +138,7 @@ fn methods(lab: &Lab) -> Result<Table> {
     if !truth.is_empty() {
         row.set("seconds", truth.iter().sum::<f64>() / truth.len() as f64);
     }
-    row.note = format!("{} samples", lab.scale.spp[1]);
+    row.note = plural(lab.scale.spp[1], "sample");
     table.add(row, "more than 10 s");
     let [stills, clips] = lab.scale.noisy_steps;
     let rows: [Wan; 6] = [
@@ -418,7 +419,8 @@ fn amount(lab: &Lab) -> Result<Table> {
         let trained = lab.train(run)?;
         let results = lab.measure(&Ask { run: Some(run), ..lab.ask(&["wan"]) })?;
         let mut row = Row::of(&results, "wan", label);
-        row.note = format!("{} sequences, {} steps in {:.0} s", lab.scale.lesson(run).1, trained.steps, trained.seconds);
+        let (sequences, steps) = (plural(lab.scale.lesson(run).1, "sequence"), plural(trained.steps, "step"));
+        row.note = format!("{sequences}, {steps} in {:.0} s", trained.seconds);
         table.add(row, "");
     }
     Ok(table)

@@ -5,6 +5,7 @@ use crate::dataset::log::Costs;
 use crate::dataset::stats::{Bars, Numbers};
 use crate::util::output::GENERATOR;
 use crate::util::picture;
+use crate::util::text::plural;
 use anyhow::Result;
 use std::fmt::Write;
 
@@ -16,15 +17,16 @@ pub fn page(name: &str, numbers: &Numbers, costs: &Costs, pictures: &[(String, V
     write!(
         page,
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">{GENERATOR}<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\
-         <title>{title}</title><style>{STYLE}</style><h1>{title}</h1><p>{complete} of {planned} sequences, {} frames, {:.1} MiB \
-         ({:.0} bytes per frame); {} distinct scenes, {} distinct meshes, {} distinct environments; {} things shared by splits.</p>",
-        numbers.frames,
+         <title>{title}</title><style>{STYLE}</style><h1>{title}</h1><p>{complete} of {}, {}, {:.1} MiB \
+         ({:.0} bytes per frame); {}, {}, {}; {} shared by splits.</p>",
+        plural(planned, "sequence"),
+        plural(numbers.frames, "frame"),
         numbers.bytes as f64 / f64::from(1 << 20),
         numbers.bytes as f64 / numbers.frames.max(1) as f64,
-        numbers.scenes,
-        numbers.meshes,
-        numbers.environments,
-        numbers.leaks.len()
+        plural(numbers.scenes, "distinct scene"),
+        plural(numbers.meshes, "distinct mesh"),
+        plural(numbers.environments, "distinct environment"),
+        plural(numbers.leaks.len(), "thing")
     )?;
     for leak in &numbers.leaks {
         write!(page, "<p class=\"leak\">{}</p>", escape(leak))?;
@@ -33,13 +35,13 @@ pub fn page(name: &str, numbers: &Numbers, costs: &Costs, pictures: &[(String, V
         let [compile, render, denoise, write] = costs.stages;
         write!(
             page,
-            "<p>{} frames made in {:.1} s, {:.3} per second; one frame takes compile {compile:.3}, render {render:.3}, denoise {denoise:.3}, \
-             write {write:.3} s; memory at most {:.0} MiB; {} failures.</p>",
-            costs.frames,
+            "<p>{} made in {:.1} s, {:.3} per second; one frame takes compile {compile:.3}, render {render:.3}, denoise {denoise:.3}, \
+             write {write:.3} s; memory at most {:.0} MiB; {}.</p>",
+            plural(costs.frames, "frame"),
             costs.wall,
             costs.frames as f64 / costs.wall.max(1e-9),
             costs.peak,
-            costs.failures
+            plural(costs.failures, "failure")
         )?;
     }
     if !pictures.is_empty() {

@@ -7,6 +7,7 @@ use super::{View, ablation, charts, summary};
 use crate::evaluate::results::{Group, MethodInfo, Scored, TRUTH, picture_file};
 use crate::metrics::{METRICS, Metric};
 use crate::util::picture;
+use crate::util::text::plural;
 use anyhow::Result;
 use std::fmt::Write;
 
@@ -95,8 +96,8 @@ fn set_section(view: &View, set: &str) -> Result<String> {
     let mut out = format!(
         "<p>{}, {}: those that are no keyframes (all, where every frame of a sequence is one), the same for all \
          methods. Below a mean its 95 % bootstrap interval over sequences. Click a heading to sort.</p>\n",
-        table::plural(sequences, "sequence"),
-        table::plural(frames, "frame")
+        plural(sequences, "sequence"),
+        plural(frames, "frame")
     );
     out += &style::main_table(&view.palette, &format!("{set}: all classes of scenes"), &rows, sequences);
     out += &plots(
@@ -156,7 +157,7 @@ fn class_tables(view: &View, set: &str) -> Vec<(String, String)> {
     let all = view.means.rows(Filter { set: Some(set), ..Filter::default() });
     let heads = |metric: &Metric| {
         let of_class = |class: &str, count: usize| {
-            (class.to_owned(), format!("{}: {}", table::plural(count, "sequence"), style::direction(metric)))
+            (class.to_owned(), format!("{}: {}", plural(count, "sequence"), style::direction(metric)))
         };
         let classes = columns.iter().map(|(class, count, _)| of_class(class, *count));
         std::iter::once(("method".to_owned(), "How the pictures were made".to_owned())).chain(classes).collect::<Vec<_>>()

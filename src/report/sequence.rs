@@ -5,6 +5,7 @@ use super::table::Filter;
 use super::{View, charts, style};
 use crate::evaluate::results::{Group, Scored, TRUTH, picture_file};
 use crate::util::picture;
+use crate::util::text::plural;
 use anyhow::Result;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -37,15 +38,15 @@ pub(super) fn html(view: &View, number: usize) -> Result<String> {
     let (data, left_out) = collect(view, scored)?;
     let title = format!("{} - {}", about.name, view.results.about.title);
     let mut body = format!(
-        "<header>\n{}<h1>{}</h1>\n<p>Test set: {}. Kind of scene: {}. {} frames of {} x {} pixels, {} of them keyframes.</p></header>\n<main>\n",
+        "<header>\n{}<h1>{}</h1>\n<p>Test set: {}. Kind of scene: {}. {} of {} x {} pixels, {} among them.</p></header>\n<main>\n",
         links(view, number),
         escape(&about.name),
         escape(&about.set),
         escape(&about.class),
-        about.frames.len(),
+        plural(about.frames.len(), "frame"),
         about.width,
         about.height,
-        about.keyframes.len()
+        plural(about.keyframes.len(), "keyframe")
     );
     body += &comparison(view, &data, scored, left_out)?;
     let filter = Filter { set: Some(&about.set), class: Some(&about.class), name: Some(&about.name), ..Filter::default() };
@@ -189,7 +190,10 @@ fn comparison(view: &View, data: &Data, scored: &Scored, left_out: usize) -> Res
     }
     let thinned = match left_out {
         0 => String::new(),
-        n => format!(" Pictures of {n} more frames are left out to keep the page small; they lie in the results folder."),
+        n => format!(
+            " Pictures of {} are left out to keep the page small; they lie in the results folder.",
+            plural(n, "more frame")
+        ),
     };
     write!(
         out,
@@ -203,7 +207,7 @@ fn facts(scored: &Scored) -> String {
     let about = &scored.about;
     let mut rows = about.facts.clone();
     rows.push(("exposure".into(), format!("{}", about.exposure)));
-    rows.push(("truth".into(), format!("{} samples per pixel", about.truth.spp)));
+    rows.push(("truth".into(), format!("{} per pixel", plural(about.truth.spp, "sample"))));
     let known = |value: Option<f64>| value.filter(|value| value.is_finite());
     rows.extend(known(about.truth.seconds).map(|s| ("truth, seconds a frame".into(), super::table::seconds(s))));
     let share =

@@ -5,6 +5,7 @@ use super::style::EQUAL;
 use super::table::{self, Filter, Means, Row};
 use crate::evaluate::results::Group;
 use crate::metrics::Metric;
+use crate::util::text::plural;
 
 /// A paragraph about a set; empty where no method has a PSNR. Only rows that are means over the same sequences are compared.
 pub fn paragraph(means: &Means, set: &str) -> String {
@@ -79,7 +80,7 @@ fn value(metric: &Metric, row: &Row) -> String {
 fn result(metric: &Metric, of: usize, row: &Row) -> String {
     let cell = row.cells.get(metric.id);
     let fewer = cell.map(|cell| cell.sequences).filter(|fewer| *fewer < of);
-    let fewer = fewer.map_or_else(String::new, |fewer| format!(" over {fewer} of {}", table::plural(of, "sequence")));
+    let fewer = fewer.map_or_else(String::new, |fewer| format!(" over {fewer} of {}", plural(of, "sequence")));
     let ends = cell.and_then(|cell| cell.range);
     let ends = ends.map_or_else(String::new, |[a, b]| format!(" ({} to {})", table::number(metric, a), table::number(metric, b)));
     let seconds = row.seconds.map_or_else(String::new, |s| format!(" at {} s a frame", table::seconds(s)));

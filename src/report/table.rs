@@ -3,6 +3,7 @@
 use crate::evaluate::results::{BUDGET_PIXELS, Group, MethodInfo, Results, Scored, SequenceSummary};
 use crate::metrics::bootstrap::{self, Interval};
 use crate::metrics::{METRICS, Metric, median};
+use crate::util::text::plural;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -316,11 +317,6 @@ pub fn extent(means: &Means, filter: Filter) -> (usize, usize) {
 pub fn counted(sequence: &SequenceSummary) -> Vec<usize> {
     let rest: Vec<usize> = sequence.frames.iter().copied().filter(|frame| !sequence.keyframes.contains(frame)).collect();
     if rest.is_empty() { sequence.frames.clone() } else { rest }
-}
-
-/// A count with its noun.
-pub fn plural(count: usize, noun: &str) -> String {
-    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 /// Rows of a table of `of` sequences as Markdown, with aligned columns.

@@ -18,3 +18,4 @@ pub mod sheet;
 pub mod stop;
 pub mod tev;
 pub mod text;
+pub mod weights;

@@ -6,6 +6,7 @@ use crate::dataset::learned::Dataset;
 use crate::dataset::plan::Plan;
 use crate::dataset::sequence::{Sequence, folders};
 use crate::util::files;
+use crate::util::text::plural;
 use anyhow::{Context, Result, anyhow, ensure};
 use rayon::prelude::*;
 use renderflow_frame::transforms;
@@ -156,7 +157,7 @@ pub(super) fn dataset(path: &Path) -> Result<Counts> {
     let broken = faults.iter().flatten().count();
     if let Some(first) = faults.into_iter().flatten().next() {
         return Err(if broken > 1 {
-            anyhow!("{} (and {} more frames)", crate::util::console::message(&first), broken - 1)
+            anyhow!("{} (and {})", crate::util::console::message(&first), plural(broken - 1, "more frame"))
         } else {
             first
         });

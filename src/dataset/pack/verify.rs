@@ -4,6 +4,7 @@ use super::{Kind, MANIFEST, Manifest, Shard};
 use crate::util::cancel::Cancel;
 use crate::util::files;
 use crate::util::progress::Progress;
+use crate::util::text::plural;
 use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::file;
 use serde::Deserialize;
@@ -54,10 +55,10 @@ pub fn verify(out: &Path, cancel: &Cancel) -> Result<()> {
         println!("FAULT {fault}");
     }
     if !faults.is_empty() {
-        bail!("{}: {} faults", out.display(), faults.len());
+        bail!("{}: {}", out.display(), plural(faults.len(), "fault"));
     }
     let (samples, bytes) = (manifest.samples.values().sum::<u64>(), manifest.shards.iter().map(|s| s.bytes).sum::<u64>());
-    println!("{} shards, {samples} samples, {bytes} bytes, no faults", manifest.shards.len());
+    println!("{}, {}, {bytes} bytes, no faults", plural(manifest.shards.len(), "shard"), plural(samples, "sample"));
     Ok(())
 }
 
@@ -68,7 +69,7 @@ fn check(path: &Path, shard: &Shard, keys: &mut HashSet<String>) -> Result<()> {
     let blake3 = files::hash(path)?;
     ensure!(blake3 == shard.blake3, "{}: has BLAKE3 {blake3}, the manifest says {}", path.display(), shard.blake3);
     let found = samples(path, shard.kind, keys).with_context(|| path.display().to_string())?;
-    ensure!(found == shard.samples, "{}: {found} samples, the manifest says {}", path.display(), shard.samples);
+    ensure!(found == shard.samples, "{}: {}, the manifest says {}", path.display(), plural(found, "sample"), shard.samples);
     Ok(())
 }
 

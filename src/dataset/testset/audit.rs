@@ -5,10 +5,10 @@ use crate::dataset::layout::AUDIT;
 use crate::dataset::plan::Plan;
 use crate::dataset::plan::is_keyframe;
 use crate::dataset::{Sequence, Shard};
-use crate::metrics::psnr::CAP;
+use crate::metrics::psnr::capped;
 use crate::util::cancel::Cancel;
 use crate::util::progress::Progress;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use renderflow_frame::image::{Image, Rgb};
 use renderflow_frame::reach::Reach;
 use renderflow_frame::{color, file};
@@ -56,9 +56,10 @@ pub fn display_variance(mean: &Rgb, variance: &Rgb, alpha: &Image<f32>, exposure
     (count > 0).then(|| sum / count as f64)
 }
 
-/// PSNR of a mean squared error.
+/// PSNR of a mean squared error; [`CAP`](crate::metrics::psnr::CAP) where nothing is left of it. NaN stays NaN: it is no sign of
+/// a small error.
 pub fn decibel(error: f64) -> f64 {
-    if error > 0.0 { (-10.0 * error.log10()).min(CAP) } else { CAP }
+    capped(-10.0 * error.clamp(0.0, f64::INFINITY).log10())
 }
 
 /// The number of the audited frame in each sequence of `plan`: the middle frame that is not a keyframe, or the first frame where
@@ -109,10 +110,19 @@ fn sequence(plan: &Plan, path: &Path, spp: u32, progress: &(dyn Fn(u64, u64) + S
     let shown = display(mean);
     let error = |picture: &Option<Rgb>| -> Result<f64> {
         let picture = display(picture.as_ref().context("a frame without a picture")?);
-        Ok(decibel(squared_error(&picture, &shown, &stored.alpha) - noise))
+        known(squared_error(&picture, &shown, &stored.alpha) - noise)
     };
     let raw = if stored.raw.is_some() { &stored.raw } else { &stored.beauty };
-    Ok(Audit { frame: sequence.numbers[index], spp, error: error(&stored.beauty)?, raw: error(raw)?, longer: decibel(noise) })
+    Ok(Audit { frame: sequence.numbers[index], spp, error: error(&stored.beauty)?, raw: error(raw)?, longer: known(noise)? })
+}
+
+/// PSNR of a mean squared error, which must be a number.
+fn known(error: f64) -> Result<f64> {
+    ensure!(
+        !error.is_nan(),
+        "the error of the truth is not a number: a pixel of the stored frame or of the longer render is not"
+    );
+    Ok(decibel(error))
 }
 
 fn squared_error(a: &Rgb, b: &Rgb, alpha: &Image<f32>) -> f64 {
@@ -129,6 +139,7 @@ fn squared_error(a: &Rgb, b: &Rgb, alpha: &Image<f32>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::metrics::psnr::CAP;
 
     #[test]
     fn variance_on_the_display_is_what_noise_of_that_variance_makes() {
@@ -159,5 +170,11 @@ mod tests {
     fn decibels() {
         assert!((decibel(0.01) - 20.0).abs() < 1e-9);
         assert_eq!((decibel(0.0), decibel(-1.0), decibel(1e-30)), (CAP, CAP, CAP));
+        // What is broken is not without error, and is not stored.
+        let mut broken = Rgb::filled(4, 4, [0.5; 3]);
+        broken.pixels[5][1] = f32::NAN;
+        let error = squared_error(&broken, &Rgb::filled(4, 4, [0.5; 3]), &Image::filled(4, 4, 1.0));
+        assert!(decibel(error).is_nan() && known(error).unwrap_err().to_string().contains("not a number"));
+        assert_eq!(known(0.0).unwrap(), CAP);
     }
 }

@@ -10,6 +10,7 @@ use crate::metrics::psnr::CAP;
 use crate::util::cancel::Cancel;
 use crate::util::files;
 use crate::util::output;
+use crate::util::text::plural;
 use anyhow::{Context, Result, bail, ensure};
 use renderflow_frame::file;
 use serde::{Deserialize, Serialize};
@@ -125,9 +126,10 @@ pub fn check(folder: &Path, cancel: &Cancel) -> Result<SetFile> {
         let plan = Plan::read(&class.join("plan.json"))?;
         ensure!(plan.hash() == *plan_hash, "{}: is of another plan than {SET} says", class.display());
         let verified = verify::verify(&class, cancel)?;
-        println!("{name}: {} sequences, {} frames, {} bytes", verified.sequences, verified.frames, verified.bytes);
+        let (sequences, frames) = (plural(verified.sequences, "sequence"), plural(verified.frames, "frame"));
+        println!("{name}: {sequences}, {frames}, {} bytes", verified.bytes);
         if let Some(fault) = verified.faults.first() {
-            bail!("{}: {} faults, the first: {fault}", class.display(), verified.faults.len());
+            bail!("{}: {}, the first: {fault}", class.display(), plural(verified.faults.len(), "fault"));
         }
         found.push((name.clone(), plan.hash(), files::hash(&class.join(MANIFEST))?));
     }
