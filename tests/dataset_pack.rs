@@ -555,6 +555,24 @@ fn a_dataset_without_its_plan_is_not_packed() {
 
 #[cfg(unix)]
 #[test]
+fn one_process_at_a_time_packs_into_a_folder() {
+    let out = tempfile::tempdir().unwrap();
+    // As another process that packs holds it.
+    let taken = std::fs::File::open(out.path()).unwrap();
+    taken.lock().unwrap();
+    let refused = pack(dataset(), out.path(), &[]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(stderr(&refused).contains("another process writes to this folder"), "{}", stderr(&refused));
+    assert!(files(out.path()).is_empty());
+    drop(taken);
+    for _ in 0..2 {
+        assert!(pack(dataset(), out.path(), &[]).status.success());
+    }
+    assert!(verify(out.path()).status.success());
+}
+
+#[cfg(unix)]
+#[test]
 fn one_process_at_a_time_exports_into_a_folder() {
     let out = tempfile::tempdir().unwrap();
     let words = ["dataset", "export", dataset().to_str().unwrap(), "--to", "coco", "--out", out.path().to_str().unwrap()];

@@ -183,7 +183,7 @@ fn folders_too_many_and_too_few_are_found() {
 
     std::fs::remove_dir_all(copied.path("val/seq-000008")).unwrap();
     contains(&copied.faults(), &["val/seq-000008: sequence.json: is not there", "dataset repair"]);
-    contains(&copied.merge_refuses(), &["1 of 10 sequences are not complete"]);
+    contains(&copied.merge_refuses(), &["not complete: 1 of 10 sequences"]);
     copied.repair();
     copied.is_mended();
 }
@@ -197,7 +197,7 @@ fn flipped_frames_and_cut_descriptions_are_made_again() {
             assert!(output.status.success(), "{}", stderr(&output));
             contains(&stderr(&output), &["note: ", "sequence.json says"]);
         }),
-        ("repair", |copied| assert!(copied.repair().contains("sequences were damaged"))),
+        ("repair", |copied| assert!(copied.repair().contains(" repaired; "))),
     ];
     for (name, mend) in mend {
         let copied = Copy::new();
@@ -234,7 +234,7 @@ fn flipped_frames_and_cut_descriptions_are_made_again() {
             contains(&said, &[place]);
         }
         assert_eq!(said.matches("FAULT").count(), said.matches("to repair it: renderflow dataset repair").count());
-        contains(&copied.merge_refuses(), &["6 sequences are damaged"]);
+        contains(&copied.merge_refuses(), &["6 sequences damaged"]);
         mend(&copied);
         println!("{name}");
         copied.is_mended();
@@ -410,4 +410,36 @@ fn names_in_records_are_plain() {
     let plan = Plan::read(&whole().join("plan.toml")).unwrap();
     let record = Record::read(&whole().join("data/train/seq-000000")).unwrap().unwrap();
     assert_eq!(record.misfits(&plan, 0), Vec::<String>::new());
+}
+
+#[cfg(unix)]
+#[test]
+fn one_process_at_a_time_repairs_a_dataset() {
+    let copied = Copy::new();
+    let data = copied.data();
+    let refused = |output: std::process::Output| {
+        assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+        contains(&stderr(&output), &["another process writes to this folder"]);
+    };
+    let repair = || renderflow(&["dataset", "repair", text(&data)]);
+    let plan = copied.folder.path().join("plan.toml");
+    let merge = || renderflow(&["dataset", "merge", "--plan", text(&plan), "--out", text(&data)]);
+    let before = files(&data);
+    // As a process that renders a shard shares it. Others may render other shards.
+    let taken = std::fs::File::open(&data).unwrap();
+    taken.lock_shared().unwrap();
+    refused(repair());
+    assert!(files(&data) == before, "a refused repair changed something");
+    assert!(copied.render().status.success() && merge().status.success());
+    drop(taken);
+    // As another process that repairs holds it.
+    let taken = std::fs::File::open(&data).unwrap();
+    taken.lock().unwrap();
+    let before = files(&data);
+    [repair(), copied.render(), merge()].into_iter().for_each(refused);
+    assert!(files(&data) == before, "what was refused changed something");
+    assert!(succeed(&["dataset", "verify", text(&data)]).contains("no faults"));
+    drop(taken);
+    assert!(repair().status.success());
+    copied.is_mended();
 }

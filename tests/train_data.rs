@@ -105,7 +105,7 @@ fn what_does_not_belong_is_not_learned_from() {
     data.refused(&again, "x", &["train/seq-000001: sequence.json: is that of train/seq-000000", "dataset repair"]);
     let unfinished = copied("a", "unfinished").join("train");
     std::fs::remove_file(unfinished.join("seq-000001/sequence.json")).unwrap();
-    data.refused(&unfinished, "x", &["1 of 2 sequences are not complete", "seq-000001", "dataset repair"]);
+    data.refused(&unfinished, "x", &["not complete: 1 of 2 sequences", "seq-000001", "dataset repair"]);
     let flipped = copied("a", "flipped").join("train");
     let frame = flipped.join("seq-000000/frame.0001.exr");
     let mut bytes = std::fs::read(&frame).unwrap();
@@ -176,4 +176,40 @@ fn what_does_not_belong_is_not_learned_from() {
     rename(&light, "\"env.hdr\"", "\"../seq-000000/env.hdr\"");
     data.refused(&light, "x", &["transforms.json: /environment/file: ", "is not the plain name"]);
     assert!(!data.path("x/weights.safetensors").exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn one_process_at_a_time_trains_into_a_folder() {
+    let data = Data::new();
+    let (options, learned, run) = (data.path("options.json"), data.path("a/train"), data.path("run"));
+    std::fs::create_dir(&run).unwrap();
+    // As another process that trains holds it.
+    let taken = std::fs::File::open(&run).unwrap();
+    taken.lock().unwrap();
+    data.refused(&learned, "run", &["another process writes to this folder"]);
+    drop(taken);
+    assert_eq!(std::fs::read_dir(&run).unwrap().count(), 0);
+    // A run without an end, with a checkpoint after every step. It makes the folder itself.
+    std::fs::remove_dir(&run).unwrap();
+    let mut endless: serde_json::Value = serde_json::from_slice(&std::fs::read(&options).unwrap()).unwrap();
+    for (option, value) in [("steps", 1_000_000), ("log_steps", 1), ("checkpoint_steps", 1)] {
+        endless["training"][option] = value.into();
+    }
+    std::fs::write(&options, endless.to_string()).unwrap();
+    let command = data.arguments(&options, &learned, &run);
+    let mut running = std::process::Command::new(env!("CARGO_BIN_EXE_renderflow")).args(command).spawn().unwrap();
+    while !run.join("checkpoint.safetensors").exists() && running.try_wait().unwrap().is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    let second = renderflow(&command);
+    running.kill().unwrap();
+    running.wait().unwrap();
+    assert_eq!(second.status.code(), Some(1));
+    assert!(common::stderr(&second).contains("another process writes to this folder"), "{second:?}");
+    // The lock ends with the process, so the run goes on.
+    let steps = std::fs::read_to_string(run.join("log.jsonl")).unwrap().lines().count() + 2;
+    endless["training"]["steps"] = steps.into();
+    std::fs::write(&options, endless.to_string()).unwrap();
+    assert!(data.trained(&learned, "run").contains(&format!("{steps} steps")));
 }

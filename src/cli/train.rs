@@ -13,8 +13,10 @@ use super::program;
 use crate::dataset::Sequence;
 use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::device::{self, DeviceArgs};
+use crate::util::output::Hold;
 use crate::util::progress::{self, Display, Progress};
 use crate::util::stop;
+use crate::util::text::plural;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand};
 use renderflow_frame::{file, words};
@@ -29,6 +31,7 @@ use renderflow_model::wan::train::{Config as WanConfig, StageName};
 use sequences::Options;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::Duration;
@@ -172,7 +175,22 @@ impl Configuration {
 struct Session<'a> {
     team: &'a Team,
     bars: &'a Bars,
+    folder: &'a OutputFolder,
     cancel: &'a Cancel,
+}
+
+/// The folder that a run writes to. One run at a time may; of several processes, the one that leads keeps others out.
+struct OutputFolder(RefCell<Option<Hold>>);
+
+impl OutputFolder {
+    fn new(path: &Path, team: &Team) -> Result<Self> {
+        Ok(Self(RefCell::new(team.leads().then(|| Hold::new(path)).transpose()?)))
+    }
+
+    /// Makes the folder, if there was none. Must be called before the first file is written.
+    fn begin(&self) -> Result<()> {
+        self.0.borrow_mut().as_mut().map_or(Ok(()), Hold::begin)
+    }
 }
 
 /// The progress bars of a run. Of several processes, one shows them.
@@ -224,7 +242,7 @@ impl Bars {
             training.finish();
         }
         if self.shown {
-            println!("{} steps in {:.0} s: {}", summary.steps, summary.elapsed, summary.weights.display());
+            println!("{} in {:.0} s: {}", plural(summary.steps, "step"), summary.elapsed, summary.weights.display());
         }
         Ok(())
     }
@@ -247,11 +265,12 @@ impl Train {
     /// Trains as a process of `team`.
     fn train(&self, team: &Team, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let configuration = self.configuration()?;
+        let folder = &OutputFolder::new(self.out.as_deref().context("--out is missing")?, team)?;
         DeviceArgs::from(self.device).open()?;
         match configuration {
-            Configuration::Fusion(options) => self.sequences(&options, team, allowed, cancel),
-            Configuration::Inverse(options) => self.sequences(&options, team, allowed, cancel),
-            Configuration::Wan(config) => self.wan(&config, team, allowed, cancel),
+            Configuration::Fusion(options) => self.sequences(&options, team, folder, allowed, cancel),
+            Configuration::Inverse(options) => self.sequences(&options, team, folder, allowed, cancel),
+            Configuration::Wan(config) => self.wan(&config, team, folder, allowed, cancel),
         }
     }
 

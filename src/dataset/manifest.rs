@@ -98,15 +98,21 @@ impl Entry {
     fn new(plan: &Plan, out: &Path, record: &Record) -> Result<Self> {
         let path = plan.folder(out, record.index).join(RECORD);
         let bytes = file::read_at_most(&path, file::LARGEST_TEXT)?;
-        Ok(Self {
-            folder: plan.place(record.index),
-            record: blake3::hash(&bytes).to_hex().to_string(),
+        Ok(Self::of(plan, record.index, record, blake3::hash(&bytes).to_hex().to_string()))
+    }
+
+    /// The entry of sequence `index`, whose record has the BLAKE3 `hash`.
+    pub(super) fn of(plan: &Plan, index: u32, record: &Record, hash: String) -> Self {
+        Self {
+            folder: plan.place(index),
+            record: hash,
             scene: record.scene.clone(),
             environment: record.environment.family.clone(),
             frames: record.frames.len(),
-            bytes: record.frames.iter().map(|frame| frame.bytes).sum(),
+            // Damaged records may hold any numbers.
+            bytes: record.frames.iter().fold(0, |sum: u64, frame| sum.saturating_add(frame.bytes)),
             keyframes: record.keyframes.clone(),
-        })
+        }
     }
 }
 
@@ -123,19 +129,16 @@ impl Manifest {
         Ok(Self::with(plan, entries))
     }
 
-    /// This manifest as it should be: entries come from the records that are known; the others stay.
-    pub(super) fn corrected(&self, plan: &Plan, out: &Path, records: &[Option<Record>]) -> Result<Self> {
-        let mut entries = self.entries.clone();
-        for (entry, record) in entries.iter_mut().zip(records) {
-            if let Some(record) = record {
-                *entry = Entry::new(plan, out, record)?;
-            }
-        }
-        ensure!(entries.len() == records.len(), "/entries: has {} entries, the plan {} sequences", entries.len(), records.len());
-        Ok(Self::with(plan, entries))
+    /// This manifest as it should be, with the entries that are `known`. There is one, or `None`, for each sequence; for `None`,
+    /// the manifest's own entry stays.
+    pub(super) fn corrected(self, plan: &Plan, known: Vec<Option<Entry>>) -> Result<Self> {
+        let (there, wanted) = (self.entries.len(), known.len());
+        ensure!(there == wanted, "/entries: has {there} entries, the plan {wanted} sequences");
+        Ok(Self::with(plan, self.entries.into_iter().zip(known).map(|(entry, known)| known.unwrap_or(entry)).collect()))
     }
 
-    fn with(plan: &Plan, entries: Vec<Entry>) -> Self {
+    /// The manifest with these entries, in the plan's order.
+    pub(super) fn with(plan: &Plan, entries: Vec<Entry>) -> Self {
         let mut frames = Counts::default();
         for (index, entry) in (0..).zip(&entries) {
             let count = frames.of_mut(plan.split(index));
@@ -171,34 +174,77 @@ impl fmt::Display for Leak {
     }
 }
 
+/// What splits must not share: its kind, and its name.
+pub(super) type Thing = (&'static str, String);
+
+/// The kinds of [`Thing`] that `stats` counts.
+pub(super) const SCENE: &str = "scene";
+pub(super) const GEOMETRY: &str = "geometry";
+
+/// The scene, the environment, mesh families, geometry and user files of a sequence.
+pub(super) fn things(record: &Record) -> Vec<Thing> {
+    let mut things = vec![(SCENE, record.scene.clone()), ("environment family", record.environment.family.clone())];
+    for object in &record.objects {
+        things.push(match &object.file {
+            Some(file) => ("model", file.clone()),
+            None => ("mesh family", object.family.clone()),
+        });
+        things.extend(object.geometry.iter().map(|hash| (GEOMETRY, hash.clone())));
+    }
+    things
+}
+
+/// Finds what splits share, sequence by sequence. Of each thing, it keeps the first sequence that has it.
+pub(super) struct Leaks<'a> {
+    plan: &'a Plan,
+    first: HashMap<Thing, u32>,
+    found: Vec<Leak>,
+}
+
+impl<'a> Leaks<'a> {
+    pub(super) fn new(plan: &'a Plan) -> Self {
+        Self { plan, first: HashMap::new(), found: Vec::new() }
+    }
+
+    /// Adds what the sequence in folder number `index` has. Splits follow one another in the numbers, so sequences must come in
+    /// their order.
+    pub(super) fn add(&mut self, index: u32, things: Vec<Thing>) {
+        for thing in things {
+            let Some(&first) = self.first.get(&thing) else {
+                self.first.insert(thing, index);
+                continue;
+            };
+            if self.plan.split(first) != self.plan.split(index) {
+                let (what, which) = thing;
+                let places = [first, index].map(|index| self.plan.place(index));
+                self.found.push(Leak { places, what: format!("{what} {which}") });
+            }
+        }
+    }
+
+    /// Number of different things of the kind `what`.
+    pub(super) fn different(&self, what: &str) -> usize {
+        self.first.keys().filter(|(kind, _)| *kind == what).count()
+    }
+
+    /// All that was found, in order.
+    pub(super) fn finish(mut self) -> Vec<Leak> {
+        self.found.sort();
+        self.found.dedup();
+        self.found
+    }
+}
+
 /// Finds what splits share: scenes, mesh families, geometry, user files, environments. `records` come with the number of the
 /// folder that they lie in, whatever they say themselves.
 pub fn leaks<'a>(plan: &Plan, records: impl IntoIterator<Item = (u32, &'a Record)>) -> Vec<Leak> {
     let mut records: Vec<(u32, &Record)> = records.into_iter().collect();
-    // Splits follow one another in the numbers.
     records.sort_by_key(|(index, _)| *index);
-    let mut seen: HashMap<(&str, String), u32> = HashMap::new();
-    let mut leaks = Vec::new();
+    let mut leaks = Leaks::new(plan);
     for (index, record) in records {
-        let mut things = vec![("scene", record.scene.clone()), ("environment family", record.environment.family.clone())];
-        for object in &record.objects {
-            things.push(match &object.file {
-                Some(file) => ("model", file.clone()),
-                None => ("mesh family", object.family.clone()),
-            });
-            things.extend(object.geometry.iter().map(|hash| ("geometry", hash.clone())));
-        }
-        for thing in things {
-            let first = *seen.entry(thing.clone()).or_insert(index);
-            if plan.split(first) != plan.split(index) {
-                let (what, which) = thing;
-                leaks.push(Leak { places: [first, index].map(|index| plan.place(index)), what: format!("{what} {which}") });
-            }
-        }
+        leaks.add(index, things(record));
     }
-    leaks.sort();
-    leaks.dedup();
-    leaks
+    leaks.finish()
 }
 
 #[cfg(test)]

@@ -19,6 +19,7 @@ pub use verify::verify;
 use super::sequence::Sequence;
 use super::whole;
 use crate::util::cancel::Cancel;
+use crate::util::output::Hold;
 use crate::util::progress::Progress;
 use anyhow::{Context, Result};
 use clap::ValueEnum;
@@ -129,13 +130,15 @@ fn plan(sequences: &[Sequence], samples_per_shard: usize) -> Vec<Planned<'_>> {
 ///
 /// # Errors
 /// When the dataset is not complete, a frame is missing or not the one its sequence recorded, or a file cannot be written; when
-/// `out` holds files that this program did not pack. What is finished is kept; the same call goes on. Shards of another dataset
-/// are replaced.
+/// `out` holds files that this program did not pack, or another process writes to it. What is finished is kept; the same call
+/// goes on. Shards of another dataset are replaced.
 pub fn pack(dataset: &Path, out: &Path, samples_per_shard: u32, profile: Frames, cancel: &Cancel) -> Result<Manifest> {
+    let mut hold = Hold::new(out)?;
     let whole = whole::open(dataset)?;
     let planned = plan(&whole.sequences, samples_per_shard as usize);
     let made_from: Vec<String> = planned.iter().map(|planned| sample::source_hash(planned, profile)).collect::<Result<_>>()?;
     let before = list::find(out)?;
+    hold.begin()?;
     file::remove_leftovers(out);
     // Until this list is written again at the end, the folder holds no finished set of shards.
     list::unfinished(out, &before, &[], &[])?;

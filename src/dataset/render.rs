@@ -16,8 +16,10 @@ use crate::dataset::job::{Existing, OpenSequence, SequenceJob, TruthSettings};
 use crate::dataset::layout::{FAILURES, RECORD};
 use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::machine;
+use crate::util::output::{self, Hold, Share};
 use crate::util::panic::guarded;
 use crate::util::progress::Progress;
+use crate::util::text::plural;
 use anyhow::{Context, Result, bail};
 use renderflow_frame::file;
 use renderflow_frame::frame_file::{self, Profile};
@@ -97,8 +99,8 @@ struct Work<'a> {
 /// Writes the manifest once all sequences of the plan are complete.
 ///
 /// # Errors
-/// When stopped ([`Interrupted`]), when the folder belongs to another plan, when nothing can be stored any more, and at the end,
-/// when frames failed.
+/// When stopped ([`Interrupted`]), when the folder belongs to another plan or is being repaired, when nothing can be stored any
+/// more, and at the end, when frames failed.
 pub fn run(plan: &Plan, out: &Path, shard: Shard, stop: &Cancel) -> Result<Summary> {
     run_some(plan, out, shard, &|_| true, stop)
 }
@@ -109,21 +111,27 @@ pub fn run(plan: &Plan, out: &Path, shard: Shard, stop: &Cancel) -> Result<Summa
 /// # Errors
 /// As [`run`].
 pub fn run_some(plan: &Plan, out: &Path, shard: Shard, wanted: &dyn Fn(usize) -> bool, stop: &Cancel) -> Result<Summary> {
-    run_at(plan, out, shard, (Depth::Hashes, wanted), stop)
+    run_at(plan, out, shard, (Depth::Hashes, wanted), None, stop)
 }
 
-/// As [`run_some`], and examines existing files at `depth`: [`Depth::Hashes`] or [`Depth::Pixels`].
+/// As [`run_some`], and examines existing files at `depth`: [`Depth::Hashes`] or [`Depth::Pixels`]. Without the caller's `hold`,
+/// the folder is shared with those who render other shards.
 pub(super) fn run_at(
     plan: &Plan,
     out: &Path,
     shard: Shard,
     (depth, wanted): (Depth, &dyn Fn(usize) -> bool),
+    hold: Option<&Hold>,
     stop: &Cancel,
 ) -> Result<Summary> {
     let qualities = Qualities::new(plan)?;
     for settings in [&qualities.full, &qualities.between] {
         memory::ensure(settings, plan.resolution.map(|v| v as usize), false, plan.storage)?;
     }
+    if !output::exists(out) {
+        std::fs::create_dir_all(out).with_context(|| format!("{}: cannot create folder", out.display()))?;
+    }
+    let _share = if hold.is_none() { Some(Share::new(out)?) } else { None };
     mend::claim(plan, out)?;
     let mine: Vec<u32> = (0..plan.total()).filter(|&s| shard.owns(s)).collect();
     let frames = mine.len() * plan.numbers().filter(|&number| wanted(number)).count();
@@ -158,11 +166,13 @@ pub(super) fn run_at(
     let Summary { made, kept, failed, .. } = summary;
     log.write(Event::End { made, kept, failed });
     eprintln!(
-        "{made} frames made, {kept} kept, {failed} failures, peak memory {:.0} MiB",
+        "{} made, {kept} kept, {}, peak memory {:.0} MiB",
+        plural(made, "frame"),
+        plural(failed, "failure"),
         machine::peak() as f64 / f64::from(1 << 20)
     );
     if failed > 0 {
-        bail!("{failed} failures; see {FAILURES} in the folders of their sequences");
+        bail!("{}; see {FAILURES} in the folders of the sequences", plural(failed, "failure"));
     }
     if merge::complete(plan, out) {
         // Sequences of other shards were read back when they were made; not every shard hashes them again.

@@ -8,6 +8,7 @@ use super::shard::Shard;
 use crate::dataset::layout::{MANIFEST, PLAN};
 use crate::util::cancel::Cancel;
 use crate::util::files;
+use crate::util::output::Hold;
 use anyhow::{Context, Result, ensure};
 use renderflow_frame::file;
 use std::path::{Path, PathBuf};
@@ -27,8 +28,9 @@ pub struct Repaired {
 /// only needed where the dataset's own plan is damaged and no log holds it. Its models may name files in the folders `allowed`.
 ///
 /// # Errors
-/// As [`render::run`]; when the plan is damaged and cannot be found.
+/// As [`render::run`]; when the plan is damaged and cannot be found; when another process repairs or renders the dataset.
 pub fn repair(out: &Path, plan: Option<&Plan>, allowed: Allowed, stop: &Cancel) -> Result<Repaired> {
+    let hold = Hold::new(out)?;
     let mut repaired = Repaired::default();
     let found = match plan_of(out) {
         // Only a plan from elsewhere can help.
@@ -66,7 +68,7 @@ pub fn repair(out: &Path, plan: Option<&Plan>, allowed: Allowed, stop: &Cancel) 
     }
     let before = files::hash(&path).ok();
     let own = Plan { allowed, ..own };
-    repaired.summary = render::run_at(&own, out, Shard { index: 1, count: 1 }, (Depth::Pixels, &|_| true), stop)?;
+    repaired.summary = render::run_at(&own, out, Shard { index: 1, count: 1 }, (Depth::Pixels, &|_| true), Some(&hold), stop)?;
     if before != files::hash(&path).ok() {
         repaired.rewritten.push(MANIFEST);
     }

@@ -3,10 +3,10 @@
 use super::agreement::Agreement;
 use super::check::Part;
 use super::damage::{self, Depth, Made};
-use super::manifest::{self, Listed, Manifest};
+use super::manifest::{self, Entry, Leaks, Listed, Manifest};
 use super::mend;
 use super::plan::Plan;
-use super::record::{Record, failures};
+use super::record::failures;
 use super::statistics::Statistics;
 use crate::dataset::layout::MANIFEST;
 use crate::util::cancel::Cancel;
@@ -75,10 +75,10 @@ pub fn verify(out: &Path, stop: &Cancel) -> Result<Verified> {
     let catalog = plan.catalog();
     let listed = Listed::read(&plan, out);
     let progress = Progress::new("verify", u64::from(plan.total()));
-    // Each record has the number of its folder beside it, whatever it says itself.
-    let mut records: Vec<(u32, Record)> = Vec::new();
-    // One entry for each sequence: the record, if the manifest can be compared with it.
-    let mut listable: Vec<Option<Record>> = Vec::new();
+    // Records of many frames are long, so only what is needed at the end is kept of them.
+    let mut leaks = Leaks::new(&plan);
+    // One for each sequence: its entry, if the manifest can be compared with its record.
+    let mut entries: Vec<Option<Entry>> = Vec::new();
     for index in 0..plan.total() {
         stop.check()?;
         let folder = plan.folder(out, index);
@@ -115,8 +115,11 @@ pub fn verify(out: &Path, stop: &Cancel) -> Result<Verified> {
             damage::strays(&plan, out, index)?.iter().map(|path| format!("{}: is not part of the dataset", path.display())),
         );
         let believed = !examined.damage.iter().any(|damage| damage.part == Part::Record);
-        listable.push(examined.record.clone().filter(|_| believed));
-        records.extend(examined.record.map(|record| (index, record)));
+        if let Some(record) = &examined.record {
+            leaks.add(index, manifest::things(record));
+        }
+        let known = examined.record.zip(examined.record_hash).filter(|_| believed);
+        entries.push(known.map(|(record, hash)| Entry::of(&plan, index, &record, hash)));
         progress.add(1);
     }
     progress.finish();
@@ -125,28 +128,25 @@ pub fn verify(out: &Path, stop: &Cancel) -> Result<Verified> {
         let shown = shell(&folder.to_string_lossy());
         found.fault(format!("{}: {what}", folder.display()), format!("mv {shown} ELSEWHERE"));
     }
-    for (places, leaks) in manifest::leaks(&plan, records.iter().map(|(index, record)| (*index, record)))
-        .chunk_by(|a, b| a.places == b.places)
-        .map(|same| (&same[0].places, same))
-    {
+    for (places, leaks) in leaks.finish().chunk_by(|a, b| a.places == b.places).map(|same| (&same[0].places, same)) {
         let more = if leaks.len() > 1 { format!(" and {} more", leaks.len() - 1) } else { String::new() };
         let [one, other] = places;
         let what = format!("{one} and {other} share what splits must not: {}{more}", leaks[0].what);
         found.fault(what, damage::remedy(out));
     }
-    manifest_of(&mut found, &plan, out, &listable);
+    manifest_of(&mut found, &plan, out, entries);
     Ok(found)
 }
 
-/// Compares the manifest with the records that can be trusted, one for each sequence of the plan.
-fn manifest_of(found: &mut Verified, plan: &Plan, out: &Path, records: &[Option<Record>]) {
+/// Compares the manifest with the entries that are `known`. There is one, or `None`, for each sequence of the plan.
+fn manifest_of(found: &mut Verified, plan: &Plan, out: &Path, known: Vec<Option<Entry>>) {
     let path = out.join(MANIFEST);
     let judge = || -> Result<Option<String>> {
         let manifest: Manifest = file::read_long_json(&path, Manifest::largest(plan))?;
         if manifest.plan != plan.hash() {
             return Ok(Some("/plan: is of another plan".into()));
         }
-        let expected = match manifest.corrected(plan, out, records) {
+        let expected = match manifest.corrected(plan, known) {
             Ok(corrected) => file::json(&path, &corrected)?,
             Err(error) => return Ok(Some(crate::util::console::message(&error))),
         };

@@ -112,13 +112,28 @@ pub struct Hold {
     lock: Option<File>,
 }
 
-impl Hold {
-    /// Holds the folder, if there is one. Nothing is written.
+/// Keeps those from a folder who would [`Hold`] it, for as long as it lives. Any number of processes may share a folder.
+pub struct Share {
+    _lock: Option<File>,
+}
+
+impl Share {
+    /// Shares the folder, if there is one. Nothing is written.
     ///
     /// # Errors
     /// When another process holds it.
     pub fn new(folder: &Path) -> Result<Self> {
-        let lock = lock(folder)?;
+        Ok(Self { _lock: lock(folder, File::try_lock_shared)? })
+    }
+}
+
+impl Hold {
+    /// Holds the folder, if there is one. Nothing is written.
+    ///
+    /// # Errors
+    /// When another process holds or shares it.
+    pub fn new(folder: &Path) -> Result<Self> {
+        let lock = lock(folder, File::try_lock)?;
         Ok(Self { folder: folder.to_owned(), missing: !exists(folder), made: false, lock })
     }
 
@@ -137,7 +152,7 @@ impl Hold {
         }
         let folder = self.folder.display();
         std::fs::create_dir_all(&self.folder).with_context(|| format!("{folder}: cannot create folder"))?;
-        self.lock = lock(&self.folder)?;
+        self.lock = lock(&self.folder, File::try_lock)?;
         ensure!(
             is_empty(&self.folder)? || known()?,
             "{folder}: another process has written to this folder; run the same command again"
@@ -156,13 +171,13 @@ impl Drop for Hold {
     }
 }
 
-/// Locks a folder itself, so that no other file is needed. The lock ends with the process. `None` where there is no folder, and
-/// where there are no locks, as on some network file systems.
-fn lock(folder: &Path) -> Result<Option<File>> {
+/// Locks a folder itself with `try_lock`, so that no other file is needed. The lock ends with the process. `None` where there is
+/// no folder, and where there are no locks, as on some network file systems.
+fn lock(folder: &Path, try_lock: fn(&File) -> Result<(), TryLockError>) -> Result<Option<File>> {
     // Elsewhere folders are not opened as files.
     while cfg!(unix) && folder.is_dir() {
         let Ok(file) = File::open(folder) else { break };
-        match file.try_lock() {
+        match try_lock(&file) {
             Ok(()) if files::is_at(&file, folder) => return Ok(Some(file)),
             // The process that held it removed it meanwhile.
             Ok(()) => {}
@@ -337,6 +352,16 @@ mod tests {
         std::fs::write(inner.join("x"), b"x").unwrap();
         drop(hold);
         assert!(inner.join("x").exists() && Hold::new(&inner).is_ok());
+
+        // Whoever shares a folder keeps out who would hold it, and the other way round.
+        let (one, other) = (Share::new(&inner).unwrap(), Share::new(&inner).unwrap());
+        drop(one);
+        taken(Hold::new(&inner).map(drop));
+        drop(other);
+        let hold = Hold::new(&inner).unwrap();
+        taken(Share::new(&inner).map(drop));
+        drop(hold);
+        assert!(Share::new(&inner).is_ok() && Share::new(&out.join("none")).is_ok());
     }
 
     #[cfg(unix)]

@@ -1,6 +1,7 @@
 //! Tells a run that is already at its end, before any training data is made.
 
 use super::Train;
+use crate::util::text::plural;
 use anyhow::Result;
 use renderflow_frame::file;
 use renderflow_model::train::Team;
@@ -36,7 +37,7 @@ impl Train {
             return Ok(false);
         }
         if team.leads() {
-            println!("already done: {step} steps in {elapsed:.0} s: {}", weights.display());
+            println!("already done: {} in {elapsed:.0} s: {}", plural(step, "step"), weights.display());
         }
         Ok(true)
     }

@@ -68,7 +68,7 @@ impl Learns for Config {
     }
 
     fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], session: &Session) -> Result<()> {
-        let Session { team, bars, cancel } = *session;
+        let Session { team, bars, folder, cancel } = *session;
         let start = train.start()?;
         let tiers = self.tiers()?;
         let references = References::measure(&self.network, validation, &tiers)?;
@@ -81,6 +81,7 @@ impl Learns for Config {
         }
         let tell = |progress: &_| monitor.tell(bars, progress);
         let context = RunContext { device: &DeviceArgs::from(train.device).get()?, progress: &tell, cancel, team };
+        folder.begin()?;
         bars.finish(&training::run(self, source, start.as_ref(), validation, context)?)
     }
 }

@@ -44,7 +44,7 @@ impl Learns for Config {
     }
 
     fn learn(&self, train: &Train, source: &dyn Source, validation: &[Record<f16>], session: &Session) -> Result<()> {
-        let Session { team, bars, cancel } = *session;
+        let Session { team, bars, folder, cancel } = *session;
         let start = train.start()?;
         let examples: Vec<Example> = validation.iter().map(Example::of).collect();
         let shown = &examples[..examples.len().min(FRAMES)];
@@ -56,6 +56,7 @@ impl Learns for Config {
         let monitor = Monitor::new(&self.run.output, &none, &sheets);
         let tell = |progress: &_| monitor.tell(bars, progress);
         let context = RunContext { device: &DeviceArgs::from(train.device).get()?, progress: &tell, cancel, team };
+        folder.begin()?;
         bars.finish(&training::run(self, source, start.as_ref(), &examples, context)?)
     }
 }

@@ -1,6 +1,6 @@
 //! Training on sequences that are rendered during training: what the networks that learn from them share.
 
-use super::{Bars, Session, Train, smallest};
+use super::{Bars, OutputFolder, Session, Train, smallest};
 use crate::dataset::Dataset;
 use crate::dataset::learning::{Indexed, Kept, Planned, Recipe, Recorded};
 use crate::dataset::plan::{Allowed, Plan};
@@ -90,12 +90,13 @@ impl Train {
         &self,
         options: &Options<C>,
         team: &Team,
+        folder: &OutputFolder,
         allowed: &[PathBuf],
         cancel: &Cancel,
     ) -> Result<()> {
         let done = match &self.plan {
-            Some(plan) => self.learn_from_plan(options, plan, team, allowed, cancel),
-            None => self.learn_from_dataset(options, self.data()?, team, allowed, cancel),
+            Some(plan) => self.learn_from_plan(options, plan, team, folder, allowed, cancel),
+            None => self.learn_from_dataset(options, self.data()?, team, folder, allowed, cancel),
         };
         // A render that was cancelled may report any error.
         done.map_err(|error| if cancel.is_set() { Interrupted.into() } else { error })
@@ -106,6 +107,7 @@ impl Train {
         options: &Options<C>,
         plan: &Path,
         team: &Team,
+        folder: &OutputFolder,
         allowed: &[PathBuf],
         cancel: &Cancel,
     ) -> Result<()> {
@@ -127,7 +129,7 @@ impl Train {
         // The process that leads validates.
         let count = if team.leads() { counts.val.min(options.validation) } else { 0 };
         let validation = self.kept(&tested, 1, &|tested| validation(&bars, count, tested, cancel))?;
-        let session = Session { team, bars: &bars, cancel };
+        let session = Session { team, bars: &bars, folder, cancel };
         self.kept(&training, team.size(), &|training| options.training.learn(self, training, &validation, &session))
     }
 
@@ -136,6 +138,7 @@ impl Train {
         options: &Options<C>,
         data: &Path,
         team: &Team,
+        folder: &OutputFolder,
         allowed: &[PathBuf],
         cancel: &Cancel,
     ) -> Result<()> {
@@ -163,7 +166,7 @@ impl Train {
             let count = options.validation.min(held_out.sequences.len() as u32);
             records = self.kept(&tested, 1, &|tested| validation(&bars, count, tested, cancel))?;
         }
-        let session = Session { team, bars: &bars, cancel };
+        let session = Session { team, bars: &bars, folder, cancel };
         self.kept(&training, team.size(), &|training| options.training.learn(self, training, &records, &session))
     }
 

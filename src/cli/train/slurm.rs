@@ -3,6 +3,7 @@
 use super::{Configuration, Train};
 use crate::dataset::slurm::{Memory, WAIT, directives, fill, full, set_mode, word};
 use crate::util::output;
+use crate::util::text::plural;
 use anyhow::{Context, Result, ensure};
 use clap::{Args, Parser, ValueEnum};
 use renderflow_frame::words::shell;
@@ -112,7 +113,8 @@ impl SlurmArgs {
         let script = self.script(&std::env::current_dir().context("there is no current folder")?, allowed)?;
         output::write(&[(job.clone(), script.into_bytes())], self.overwrite)?;
         set_mode(&job, 0o755).with_context(|| format!("{}: cannot be made executable", job.display()))?;
-        println!("{} processes on {} nodes; submit them with sbatch {}", self.processes, self.nodes, job.display());
+        let (processes, nodes) = (plural(self.processes, "process"), plural(self.nodes, "node"));
+        println!("{processes} on {nodes}; submit with sbatch {}", job.display());
         Ok(())
     }
 

@@ -1,6 +1,6 @@
 //! Training of the paper's network: its flags, and the run.
 
-use super::{Bars, Train, smallest};
+use super::{Bars, OutputFolder, Train, smallest};
 use crate::dataset::Dataset;
 use crate::util::cancel::Cancel;
 use crate::util::device::DeviceArgs;
@@ -69,7 +69,14 @@ impl Train {
         Ok(config)
     }
 
-    pub(super) fn wan(&self, config: &Config, team: &Team, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+    pub(super) fn wan(
+        &self,
+        config: &Config,
+        team: &Team,
+        folder: &OutputFolder,
+        allowed: &[PathBuf],
+        cancel: &Cancel,
+    ) -> Result<()> {
         let (mut dataset, notes) = Dataset::open_to_learn(self.data()?)?;
         if train::bridge_start(config)? == Some(BridgeStart::Deferred) {
             dataset = dataset.shaded(allowed, config.stage.gap());
@@ -96,6 +103,7 @@ impl Train {
             train::Progress::Validated(_) => {}
         };
         let context = RunContext { device: &DeviceArgs::from(self.device).get()?, progress: &tell, cancel, team };
+        folder.begin()?;
         bars.finish(&train::run(config, &dataset, context)?)
     }
 }
