@@ -69,9 +69,9 @@ impl FusionConfig {
 
     /// Largest distance in pixels of an input that an output depends on, rounded up to a [`MULTIPLE`].
     pub(super) fn reach(&self) -> usize {
-        // With one convolution in each place: 44 on the way down, 30 on the way up, and 11 for the kernels.
+        // With one convolution in each place: 89 for the U-Net, and 11 for the kernels. The coarsest level has a way down alone.
         let more = (0..LEVELS).map(|level| (self.refines[level] - 1) * if level + 1 < LEVELS { 4 << level } else { 2 << level });
-        (85 + more.sum::<usize>()).next_multiple_of(MULTIPLE)
+        (100 + more.sum::<usize>()).next_multiple_of(MULTIPLE)
     }
 }
 

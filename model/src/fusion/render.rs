@@ -212,7 +212,7 @@ mod tests {
     #[test]
     fn tiles_leave_no_trace() {
         let mut rng = Pcg64Mcg::seed_from_u64(4);
-        let mut record = Record::<f32>::new(250, 230);
+        let mut record = Record::<f32>::new(550, 470);
         record.pixels.iter_mut().for_each(|v| *v = rng.random_range(0.0..1.0));
         record.pixels.chunks_exact_mut(at::COUNT).for_each(|stored| stored[at::ALPHA] = 1.0);
         record.parts = [2; PARTS];
@@ -220,7 +220,7 @@ mod tests {
         record.denoised = [true; PICTURES];
         // No weight is 0, so that distant pixels have an influence.
         let config = FusionConfig { widths: [16; 4], refines: [1, 2, 2, 2], ..FusionConfig::default() };
-        assert_eq!((FusionConfig::default().reach(), config.reach()), (96, 128));
+        assert_eq!((FusionConfig::default().reach(), config.reach()), (112, 144));
         let fresh = Fusion::untrained(&config, 5).expect("a network");
         let mut parameters = fresh.parameters();
         for parameter in &mut parameters {
@@ -228,10 +228,10 @@ mod tests {
         }
         let fusion = Fusion::with_parameters(fresh.header().clone(), &parameters).expect("a network");
         let selection = Selection::all(&record);
-        let whole = fusion.draw_in_tiles(&record, &selection, 256).expect("a picture");
-        assert!(whole == fusion.draw_in_tiles(&record, &selection, 64).expect("a picture"));
-        let narrow = |x: usize| Window { x, y: 0, width: 256 - x, height: 240 };
+        let whole = fusion.draw_in_tiles(&record, &selection, 768).expect("a picture");
+        assert!(whole == fusion.draw_in_tiles(&record, &selection, 128).expect("a picture"));
+        let narrow = |x: usize| Window { x, y: 0, width: 560 - x, height: 480 };
         let without_margin = fusion.draw_window(&record, &selection, narrow(128)).expect("a picture");
-        assert!(without_margin[5 * 128] != whole[5 * 250 + 128], "the test would not see a seam");
+        assert!(without_margin[5 * 432] != whole[5 * 550 + 128], "the test would not see a seam");
     }
 }
