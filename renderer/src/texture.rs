@@ -101,7 +101,7 @@ impl Sampled {
         Taps { level, at: [y0 * width + x0, y0 * width + x1, y1 * width + x0, y1 * width + x1], fx, fy }
     }
 
-    /// Decoded colour at a place, and alpha if `ALPHA`, else 0. White where the texture is empty.
+    /// Decoded colour at a place, and alpha; without `ALPHA`, the fourth number may be any. White where the texture is empty.
     #[inline]
     pub fn read<const ALPHA: bool>(&self, place: &Place) -> Vec4 {
         simd::run(Read::<ALPHA> { texture: self, place })
