@@ -93,7 +93,8 @@ fn buffers(found: Found, only: &[Intrinsic]) -> Buffers {
     Buffers {
         albedo: wanted(Intrinsic::Albedo).then_some(found.albedo),
         normal: wanted(Intrinsic::Normal).then_some(found.normal),
-        depth: wanted(Intrinsic::Depth).then_some(found.depth),
+        // The network says half of it.
+        depth: wanted(Intrinsic::Depth).then(|| found.depth.map(|half| 2.0 * half)),
         material: wanted(Intrinsic::Material).then_some(found.material),
     }
 }
@@ -122,4 +123,24 @@ fn planes(picture: &Rgb) -> Vec<f32> {
 /// -1..=1 to 0..=1.
 pub fn unit(value: f32) -> f32 {
     (0.5 + 0.5 * value).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Relighting takes the exponential of the depth for a distance.
+    #[test]
+    fn depth_is_a_logarithm() {
+        let (nearest, farther) = (3.0_f32, [1.0_f32, 2.0, 8.0, 20.0]);
+        let grey = Rgb::filled(4, 1, [0.5; 3]);
+        let half = farther.map(|factor| 0.5 * (nearest * factor).ln() + 0.7);
+        let depth = Image { width: 4, height: 1, pixels: half.to_vec() };
+        let found = Found { albedo: grey.clone(), normal: grey.clone(), depth, material: grey };
+        let depth = buffers(found, &Intrinsic::ALL).depth.expect("a depth");
+        let first = depth.pixels[0].exp();
+        for (depth, factor) in depth.pixels.iter().zip(farther) {
+            assert!((depth.exp() / first - factor).abs() < 1e-4 * factor, "{depth} {factor}");
+        }
+    }
 }
