@@ -67,6 +67,16 @@ fn pictures_are_inverted_without_any_file() {
     let said = fail(&["invert", text(&photos), "--weights", reads_samples, "--out", text(&nothing)]);
     assert!(said.contains("fusion.safetensors") && !nothing.exists(), "{said}");
 
+    // Light a little below 0, as denoisers leave it, is none, and costs the other components nothing.
+    let (light, seen) = (folder.path().join("light"), folder.path().join("seen"));
+    std::fs::create_dir_all(&light).unwrap();
+    for (name, red) in [("none.exr", 0.0_f32), ("below.exr", -0.01)] {
+        exr::prelude::write_rgb_file(light.join(name), 8, 8, |_, _| (red, 0.5_f32, 0.25_f32)).unwrap();
+    }
+    succeed(&["invert", text(&light), "--only", "albedo", "--out", text(&seen)]);
+    let [none, below] = ["none", "below"].map(|name| std::fs::read(seen.join(format!("{name}.albedo.png"))).unwrap());
+    assert!(none == below);
+
     // A decoder that panics makes one line of error.
     let damaged = concat!(env!("CARGO_MANIFEST_DIR"), "/fuzz/seeds/texture/one_component_of_three.jpg");
     let said = fail(&["invert", damaged, "--out", text(&nothing)]);
@@ -258,7 +268,11 @@ fn buffers_are_shown_under_another_light() {
     std::fs::rename(data.join("test/seq.b"), &moved).unwrap();
     let said = other(&data);
     assert!(said.contains("relight.json: the folder holds results of other weights, data"), "{said}");
+    // Sequences may be added to those that are there.
+    let one = relight("-120", &path("grown"));
     std::fs::rename(&moved, data.join("test/seq.b")).unwrap();
+    assert_eq!((&one["sequences"], one["data"].as_object().unwrap().len()), (&json!(1), 1));
+    assert_eq!(relight("-120", &path("grown")), turned);
     let told = std::fs::read_to_string(&record).unwrap();
     let weights = turned["weights"][0].as_str().unwrap();
     assert_eq!((turned["weights"].as_array().unwrap().len(), turned["data"].as_object().unwrap().len()), (1, 2));

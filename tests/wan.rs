@@ -274,10 +274,29 @@ fn the_autoencoder_is_measured(folder: &Path, data: &Path, weights: &Weights) {
     let out = folder.join("measured-autoencoder");
     let said = succeed(&["evaluate", "autoencoder", "--vae", text(&weights.vae), "--data", text(data), "--out", text(&out)]);
     assert!(said.contains("sequences 1:") && said.contains("albedo"), "{said}");
-    let sets: Value = serde_json::from_slice(&std::fs::read(out.join("autoencoder.json")).unwrap()).unwrap();
+    let read = |out: &Path| -> Value { serde_json::from_slice(&std::fs::read(out.join("autoencoder.json")).unwrap()).unwrap() };
+    let results = read(&out);
+    let sets = &results["sets"];
     let [still, clip] = [0, 1].map(|i| sets[0]["kinds"]["albedo"][i].as_array().unwrap());
     // The first frame of a clip is a picture by itself.
     assert!((still.len(), clip.len()) == (1, 5) && still[0] == clip[0] && clip[0] != clip[1], "{still:?} {clip:?}");
+    // What was measured is named: the file of the weights, and every frame.
+    let digest = blake3::hash(&std::fs::read(&weights.vae).unwrap()).to_hex().to_string();
+    assert_eq!((&results["weights"], &results["frames"], &results["clips"]), (&json!([digest]), &json!(5), &json!(1)));
+    let sequence = Sequence::open(&data.join("seq-000000")).unwrap();
+    let all: Vec<usize> = (0..FRAMES).collect();
+    let named: Vec<&Value> = results["data"].as_object().unwrap().values().collect();
+    assert_eq!(named, [&json!(sequence.digest(&all).unwrap())]);
+    // A folder stands for the weights inside it.
+    let (inside, again) = (folder.join("published-vae"), folder.join("measured-inside"));
+    std::fs::create_dir_all(&inside).unwrap();
+    std::fs::copy(&weights.vae, inside.join("diffusion_pytorch_model.safetensors")).unwrap();
+    succeed(&["evaluate", "autoencoder", "--vae", text(&inside), "--data", text(data), "--out", text(&again)]);
+    assert_eq!(read(&again), results);
+    let photo = folder.join("photo.png");
+    image::RgbImage::from_pixel(16, 16, image::Rgb([90, 80, 70])).save(&photo).unwrap();
+    let from = ["--weights", text(&weights.inverse), "--vae", text(&inside)];
+    succeed(&[&["invert", text(&photo), "--out", text(&folder.join("inverted-inside"))][..], &from].concat());
     // Of sequences that are too short for a clip, none counts.
     let (short, out) = (folder.join("short"), folder.join("measured-short"));
     copy(&data.join("seq-000000"), &short.join("seq-000001"));
@@ -292,12 +311,13 @@ fn the_autoencoder_is_measured(folder: &Path, data: &Path, weights: &Weights) {
     copy(&data.join("seq-000000"), &short.join("seq-000000"));
     let output = renderflow(&evaluate);
     assert!(stderr(&output).contains("short: 1 sequence without 5 frames in a row left out"), "{}", stderr(&output));
-    let alone: Value = serde_json::from_slice(&std::fs::read(out.join("autoencoder.json")).unwrap()).unwrap();
+    let alone = &read(&out)["sets"];
     assert_eq!((&alone[0]["sequences"], &alone[0]["left_out"]), (&json!(1), &json!(1)));
     assert_eq!((&alone[0]["kinds"], &sets[0]["left_out"]), (&sets[0]["kinds"], &json!(0)));
     let out = folder.join("measured-change");
     let more = ["--vae", text(&weights.vae), "--data", text(data), "--deferred", "--json", "--out", text(&out)];
-    let sets: Value = serde_json::from_str(&succeed(&[&["evaluate", "autoencoder"][..], &more].concat())).unwrap();
+    let results: Value = serde_json::from_str(&succeed(&[&["evaluate", "autoencoder"][..], &more].concat())).unwrap();
+    let sets = &results["sets"];
     // The change from deferred shading loses less than the picture.
     let [picture, change] = ["target", "target as change"].map(|row| sets[0]["kinds"][row][0][0].as_f64().unwrap());
     assert!(change > picture + 1.0 && sets[0]["kinds"]["deferred"][1][4].is_number(), "{sets}");

@@ -2,6 +2,7 @@ use super::WeightsArgs;
 use super::infer::{self, Data};
 use crate::dataset::export::picture::{byte, png, word};
 use crate::dataset::{Dataset, Sequence};
+use crate::evaluate::external::radiance;
 use crate::evaluate::inverter::{Inverter, WanOptions};
 use crate::metrics::intrinsics::Buffers;
 use crate::util::cancel::Cancel;
@@ -12,7 +13,7 @@ use crate::util::{files, picture};
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{color, file, hdr};
+use renderflow_frame::{color, file};
 use renderflow_model::inverse::InverseNet;
 use renderflow_model::wan::flow::Intrinsic;
 use serde::{Deserialize, Serialize};
@@ -37,8 +38,10 @@ specular). With --exr the same as numbers: albedo linear, normals of length 1.
 Photos are turned as their EXIF data say. A picture of more than 512 pixels along its longer side is read at a reduced size; its albedo
 keeps all of its detail, and the other buffers are interpolated.";
 
-/// Finds albedo, normals, depth and material behind pictures. The network for it is inside the program; --weights names another
-/// one, or the paper's network with an inverse adapter. If the command was stopped, the same command continues.
+/// Find the albedo, normal, depth and material behind pictures
+///
+/// The network for it is inside the program; --weights names another one, or the paper's network with an inverse adapter. If the
+/// command was stopped, the same command continues.
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub struct Invert {
@@ -224,7 +227,7 @@ impl Invert {
                 Ok(beauty.map(|p| color::display(*p, sequence.exposure())))
             }
             Origin::File(path) if files::has_ending(path, &["exr", "hdr"]) => {
-                Ok(hdr::read(path)?.map.map(|p| color::display(*p, self.exposure)))
+                Ok(radiance(path)?.map(|p| color::display(*p, self.exposure)))
             }
             Origin::File(path) => picture::display_values(path),
         }

@@ -30,9 +30,9 @@ use crate::evaluate::method::Method;
 use crate::evaluate::renderer;
 use crate::util::device::{self, DeviceArgs};
 use crate::util::ranges::within;
+use crate::util::stop;
 use crate::util::text::plural;
-use crate::util::weights::{autoencoder, digests, inside};
-use crate::util::{files, stop};
+use crate::util::weights::{autoencoder, digest, digests, inside};
 use anyhow::{Result, bail, ensure};
 use clap::error::ErrorKind;
 use clap::{Args, Parser, Subcommand};
@@ -65,17 +65,14 @@ struct Cli {
     command: Command,
 }
 
+// A variant without a comment takes its help from the comment of its options, which is longer.
 #[derive(Subcommand)]
 enum Command {
-    /// The whole pipeline on one sequence: truth, every method, a table, and report/index.html
     Demo(demo::Demo),
-    /// Path-trace a scene or a model file: one EXR (and PNG) a frame
     Render(render::Render),
-    /// Look at a scene in the browser: orbit, change materials and light, compare methods
     View(view::View),
     /// Write a procedurally composed scene as JSON
     Compose(compose::Compose),
-    /// Check whether scenes, models, maps, frames, weights and datasets can be used
     Check(check::Check),
     /// What became of `renderflow bench`
     #[command(hide = true, disable_help_flag = true)]
@@ -84,25 +81,19 @@ enum Command {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         words: Vec<String>,
     },
-    /// Test the numerics of the path tracer
     Stress(stress::Stress),
     /// Plan and render datasets
     #[command(subcommand, after_help = dataset::HELP)]
     Dataset(dataset::DatasetCommand),
-    /// Train a network: the one that reads samples, or the paper's network with Wan's autoencoder and transformer
     Train(train::TrainCommand),
-    /// Render the frames of sequence folders with a network
     Infer(infer::Infer),
-    /// Find the albedo, normal, depth and material behind pictures
     Invert(invert::Invert),
     /// Make the test sets that numbers are reported on
     #[command(subcommand, after_help = "Example: renderflow testset make synthetic -o sets")]
     Testset(testset::TestsetCommand),
-    /// Change materials, lights or the environment in steps, by networks and by path tracing: a sheet, a GIF and a table
     Edit(edit::Edit),
     /// Compare methods, or anybody's pictures, with path-traced truth
     Evaluate(evaluate::Evaluate),
-    /// Run the paper's experiments on data of this program, table by table
     Paper(paper::Paper),
     /// Make a report from the results of an evaluation
     Report(report::Report),
@@ -111,7 +102,6 @@ enum Command {
     /// Print the JSON Schema of scene files
     #[command(after_help = "Example: renderflow schema > scene.schema.json")]
     Schema,
-    /// Describe weights files, list their tensors, or convert them
     Weights(weights::Weights),
     /// Show what the program found on this machine
     Doctor(doctor::Doctor),
@@ -291,12 +281,12 @@ impl AllWeightsArgs {
             let twice = || format!("{}: --weights names two networks of this kind", path.display());
             if Fusion::recognises(path) {
                 ensure!(networks.fusion.replace(fusion(Some(path), &networks.device)?).is_none(), twice());
-                fusion_digest = Some(files::hash(path)?);
+                fusion_digest = Some(digest(path)?);
             } else {
                 let parts = Autoencoder { file: self.vae.as_deref(), tile: None };
                 ensure!(networks.wan.replace(wan::open(path, parts, &networks.device)?).is_none(), twice());
-                wan_digests.push((WAN_DIGEST, files::hash(path)?));
-                wan_digests.push((AUTOENCODER_DIGEST, files::hash(&autoencoder(self.vae.as_deref(), path))?));
+                wan_digests.push((WAN_DIGEST, digest(path)?));
+                wan_digests.push((AUTOENCODER_DIGEST, digest(&autoencoder(self.vae.as_deref(), path))?));
             }
         }
         if let Some(vae) = self.vae.as_ref().filter(|_| networks.wan.is_none()) {

@@ -1,12 +1,14 @@
 //! `renderflow evaluate autoencoder`: what an autoencoder of the paper's network loses.
 
-use super::find;
+use super::find::{self, TestSequence};
+use super::run;
 use crate::dataset::Dataset;
 use crate::util::cancel::Cancel;
-use crate::util::device::DeviceArgs;
+use crate::util::device::{DeviceArgs, recorded};
 use crate::util::output;
 use crate::util::progress::Progress;
 use crate::util::text::plural;
+use crate::util::weights::digest;
 use anyhow::{Result, ensure};
 use clap::Args;
 use renderflow_frame::file;
@@ -17,8 +19,10 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// PSNR of pictures after encoding and decoding, by kind of picture and place in the clip. Writes autoencoder.json and prints
-/// tables.
+/// Measure what an autoencoder of the paper's network loses, by kind of picture and by frame of a clip
+///
+/// The command encodes and decodes pictures, measures their PSNR, writes autoencoder.json, which names the weights and the data, and
+/// prints tables.
 #[derive(Args)]
 #[command(
     after_help = "Example: renderflow evaluate autoencoder --vae runs/vae/weights.safetensors --data sets -o results-autoencoder"
@@ -61,24 +65,43 @@ struct Set {
     kinds: BTreeMap<String, [Vec<f32>; 2]>,
 }
 
+#[derive(Serialize)]
+struct Results {
+    /// BLAKE3 of the weights.
+    weights: Vec<String>,
+    /// BLAKE3 of what was read of each sequence, by set, class and name.
+    data: BTreeMap<String, String>,
+    /// Frames of a clip.
+    frames: u32,
+    /// The most clips of a sequence.
+    clips: u32,
+    /// Device of the network; `None` for the processor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    device: Option<String>,
+    sets: Vec<Set>,
+}
+
 impl Options {
     /// Measures and prints.
     pub fn run(self, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
         let path = self.out.join("autoencoder.json");
         output::absent(&path)?;
-        let (vae, _) = Vae::open(&self.vae, &VaeConfig::wan(), self.device.open()?.device())?;
+        let device = self.device.open()?;
+        let (vae, _) = Vae::open(&self.vae, &VaeConfig::wan(), device.device())?;
         let mut sets: BTreeMap<String, Dataset> = BTreeMap::new();
         let mut short: BTreeMap<String, usize> = BTreeMap::new();
-        for test in find::find(&self.data)? {
-            if has_clip(&test.sequence.numbers, self.frames as usize) {
-                sets.entry(test.set).or_default().sequences.push(test.sequence);
-            } else {
-                *short.entry(test.set).or_default() += 1;
-            }
-        }
-        ensure!(!sets.is_empty(), "{}: no sequence has {} frames in a row", self.data.display(), self.frames);
+        let has_clip = |test: &TestSequence| has_clip(&test.sequence.numbers, self.frames as usize);
+        let (tests, without): (Vec<TestSequence>, Vec<TestSequence>) = find::find(&self.data)?.into_iter().partition(has_clip);
+        ensure!(!tests.is_empty(), "{}: no sequence has {} frames in a row", self.data.display(), self.frames);
+        without.into_iter().for_each(|test| *short.entry(test.set).or_default() += 1);
         for (set, count) in &short {
             eprintln!("note: {set}: {} without {} frames in a row left out", plural(*count, "sequence"), self.frames);
+        }
+        let weights = vec![digest(&self.vae)?];
+        // Every frame counts: depth is shown between the bounds of the whole sequence.
+        let data = run::digests(&tests, |sequence| (0..sequence.len()).collect(), cancel)?;
+        for test in tests {
+            sets.entry(test.set).or_default().sequences.push(test.sequence);
         }
         if self.deferred {
             sets = sets.into_iter().map(|(name, data)| (name, data.shaded(allowed, None))).collect();
@@ -96,7 +119,10 @@ impl Options {
                     }
                     Ok(())
                 };
-                round_trip(&vae, data, frames as usize, self.clips as usize, &mut told)
+                let measured = round_trip(&vae, data, frames as usize, self.clips as usize, &mut told);
+                // What `told` says then is no failure.
+                cancel.check()?;
+                Ok::<_, anyhow::Error>(measured?)
             };
             let [stills, clips] = [trips(1)?, trips(self.frames)?];
             found.push(Set {
@@ -108,12 +134,14 @@ impl Options {
         }
         progress.finish();
         std::fs::create_dir_all(&self.out)?;
-        file::write_json(&path, &found)?;
+        let (frames, clips, device) = (self.frames, self.clips, recorded(&device));
+        let results = Results { weights, data, frames, clips, device, sets: found };
+        file::write_json(&path, &results)?;
         if self.json {
-            println!("{}", serde_json::to_string_pretty(&found)?);
+            println!("{}", serde_json::to_string_pretty(&results)?);
             return Ok(());
         }
-        for set in &found {
+        for set in &results.sets {
             println!(
                 "{}, sequences {}: PSNR in dB of pictures by themselves, and of the frames of clips",
                 set.name, set.sequences

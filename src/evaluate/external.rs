@@ -296,10 +296,24 @@ fn read(path: &Path, exposure: f32, expected: Option<[usize; 2]>) -> Result<Read
     if let Some(expected) = expected {
         picture::same_size(path, hdr::size(path, &bytes)?, expected)?;
     }
+    let linear = decode(path, &bytes)?;
+    Ok(Read { display: linear.map(|p| color::display(*p, exposure)), linear: Some(linear), alpha: None, frame: None })
+}
+
+/// The radiance in an EXR or HDR file. Components below 0 count as 0, and a pixel that is not finite is black, which a note says.
+///
+/// # Errors
+/// When it cannot be read.
+pub fn radiance(path: &Path) -> Result<Rgb> {
+    decode(path, &picture::bytes(path)?)
+}
+
+/// [`radiance`] from memory.
+fn decode(path: &Path, bytes: &[u8]) -> Result<Rgb> {
     let (mut linear, mut broken) = if bytes.starts_with(&EXR) {
-        (exr::decode_rgb(path, &bytes)?, 0)
+        (exr::decode_rgb(path, bytes)?, 0)
     } else {
-        let map = hdr::decode(path, &bytes)?;
+        let map = hdr::decode(path, bytes)?;
         (map.map, map.repaired)
     };
     for pixel in &mut linear.pixels {
@@ -314,7 +328,7 @@ fn read(path: &Path, exposure: f32, expected: Option<[usize; 2]>) -> Result<Read
     if broken > 0 {
         eprintln!("note: {}: {} made black: not finite", path.display(), plural(broken, "pixel"));
     }
-    Ok(Read { display: linear.map(|p| color::display(*p, exposure)), linear: Some(linear), alpha: None, frame: None })
+    Ok(linear)
 }
 
 /// BLAKE3 of the pictures of a folder and their truths.

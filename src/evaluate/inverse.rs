@@ -25,9 +25,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Recovered albedo, normals, depth and material beside the true ones, and beside what needs no network: the picture itself as
-/// albedo, normals that face the camera, one depth, half-rough dielectric. Writes inverse.json and prints tables. Pixels that see
-/// no surface do not count; brackets hold 95 % of the means of sequences that are drawn again and again.
+/// Measure recovered albedo, normals, depth and material
+///
+/// The recovered buffers are compared with the true ones. So is what needs no network: the picture itself as albedo, normals that
+/// face the camera, one depth, half-rough dielectric. The command writes inverse.json and prints tables. Pixels that see no
+/// surface do not count; brackets hold 95 % intervals over the sequences.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:

@@ -58,12 +58,14 @@ const LEAST: f32 = 0.02;
 /// Most that a ratio brightens.
 const MOST: f32 = 16.0;
 
-/// The round trip of relighting. The first frame of each sequence is inverted. Then the environment turns about the vertical,
-/// and the buffers are shaded under it with the split sum. The truth is path-traced with the turned environment. Another row
-/// multiplies the picture by the ratio of the buffers' shading under the new and the old light, which must be known for it. The
-/// rows `traced` path-trace the surfaces that the picture shows, so that they cast shadows on each other. Beside them stand the
-/// true buffers, which show what shading costs, the picture itself as albedo of surfaces that face the camera, and the picture
-/// as it was. Writes relight.json and pictures, and prints a table.
+/// Invert pictures, turn their light, and compare with path tracing under the turned light
+///
+/// The first frame of each sequence is inverted. Then the environment turns about the vertical, and the buffers are shaded under
+/// it with the split sum. The truth is path-traced with the turned environment. Another row multiplies the picture by the ratio
+/// of the buffers' shading under the new and the old light, which must be known for it. The rows `traced` path-trace the surfaces
+/// that the picture shows, so that they cast shadows on each other. Beside them stand the true buffers, which show what shading
+/// costs, the picture itself as albedo of surfaces that face the camera, and the picture as it was. The command writes
+/// relight.json and pictures, and prints a table.
 #[derive(Args)]
 #[command(after_help = "Example:\n  renderflow evaluate relight --data data -o results-relight")]
 pub struct Options {
@@ -102,7 +104,7 @@ struct About {
 }
 
 /// What decides the results. It is written into the folder, so that no other results take their place.
-#[derive(PartialEq, Serialize, Deserialize)]
+#[derive(Clone, PartialEq, Serialize, Deserialize)]
 struct Record {
     about: String,
     turn: f32,
@@ -116,6 +118,14 @@ struct Record {
     /// Device of the network; `None` for the processor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     device: Option<String>,
+}
+
+impl Record {
+    /// Whether what is asked for is `there`, or that and more sequences.
+    fn continues(&self, there: &Self) -> bool {
+        let known = there.data.iter().all(|(place, digest)| self.data.get(place) == Some(digest));
+        known && *there == Self { data: there.data.clone(), ..self.clone() }
+    }
 }
 
 /// Errors of one kind of buffers.
@@ -160,8 +170,16 @@ impl Options {
             device: recorded(&device),
         };
         let truth = Claim::new(&self.out.join("truth"), RECORD, &About { about, turn, spp }, "pictures of another light")?;
-        let claim = Claim::new(&self.out, RECORD, &record, "results of other weights, data or devices")?;
-        claim.write()?;
+        let mut same = false;
+        let claim = Claim::agreed(&self.out, RECORD, &record, |there: &Record| {
+            same = *there == record;
+            ensure!(record.continues(there), "the folder holds results of other weights, data or devices; choose another folder");
+            Ok(())
+        })?;
+        // Results of the same sequences stay until there are new ones.
+        if !same {
+            claim.write()?;
+        }
         truth.write()?;
         let lpips = Networks::find()?;
         let mut tracer = Tracer { spp: self.spp, denoiser: Denoiser::with_options(denoise::Options::default()).ok(), cancel };

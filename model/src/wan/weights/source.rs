@@ -8,7 +8,7 @@ use renderflow_frame::file;
 use renderflow_frame::reach::plain_name;
 use renderflow_frame::words::plain;
 use safetensors::tensor::{Dtype, Metadata};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -159,6 +159,17 @@ impl Source {
     /// The file that was opened.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// All files that were opened: [`Self::path`], and the shards if it is their index.
+    pub fn files(&self) -> BTreeSet<&Path> {
+        let mut files = BTreeSet::from([self.path.as_path()]);
+        for stored in self.tensors.values() {
+            if let Place::Range { file, .. } = &stored.place {
+                files.insert(&file.0);
+            }
+        }
+        files
     }
 
     /// Names of the tensors, in order.
