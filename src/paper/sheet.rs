@@ -118,7 +118,7 @@ impl Row {
         let rows = means.rows(Filter::default());
         let Some(row) = rows.iter().find(|row| row.method.id == id) else { return made };
         made.values = row.cells.iter().map(|(id, cell)| ((*id).to_owned(), *cell)).collect();
-        for (id, value) in [("seconds", row.seconds), ("with_truth", row.seconds_with_truth.or(row.seconds))] {
+        for (id, value) in [("seconds", row.seconds), ("with_truth", row.seconds_with_truth)] {
             if let Some(value) = value {
                 made.set(id, value);
             }
@@ -167,7 +167,7 @@ fn whole(sequence: &Scored, method: &str) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluate::results::{Score, SequenceSummary};
+    use crate::evaluate::results::{About, Group, MethodInfo, Score, SequenceSummary, Truth, VERSION};
 
     /// Two of every ten frames of a sequence whose only evaluated keyframe is the first.
     fn tenth(about: SequenceSummary) -> Scored {
@@ -203,6 +203,33 @@ mod tests {
             assert!((whole(&some, "warp") - expected).abs() < 1e-9);
         }
         assert!(whole(&tenth(known), "another method").is_nan());
+    }
+
+    /// Where nobody wrote down the seconds of the truth, a method that reads keyframes is not as cheap as without them.
+    #[test]
+    fn a_price_that_is_not_known_is_not_shown() {
+        let cells = |seconds: Option<f64>, reads_keyframes: bool| {
+            let truth = Truth { seconds, ..Truth::default() };
+            let mut sequence = tenth(SequenceSummary { keyframe_gap: Some(10.0), truth, ..SequenceSummary::default() });
+            sequence.scores.iter_mut().for_each(|score| score.seconds = Some(0.5));
+            let method = MethodInfo { reads_keyframes, ..MethodInfo::new("warp".into(), "warp".into(), Group::Baseline) };
+            let about = About {
+                version: VERSION,
+                program: String::new(),
+                title: String::new(),
+                machine: String::new(),
+                lpips: None,
+                curve: String::new(),
+                methods: vec![method],
+                settings: Vec::new(),
+                sequences: None,
+            };
+            let row = Row::of(&Results { about, sequences: vec![sequence] }, "warp", "warp");
+            ["seconds", "with_truth"].map(|id| row.cell(id))
+        };
+        assert_eq!(cells(Some(5.0), true), ["0.500", "1.00"]);
+        assert_eq!(cells(None, true), ["0.500", "-"]);
+        assert_eq!(cells(None, false), ["0.500", "0.500"]);
     }
 
     #[test]
