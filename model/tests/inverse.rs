@@ -119,6 +119,25 @@ fn every_buffer_is_learned() {
     assert_eq!((last.step, last.others.len()), (500, 4));
 }
 
+/// An untrained network says that all surfaces face the camera.
+#[test]
+fn a_normal_that_is_not_known_is_no_right_one() {
+    let network = Inverse::untrained(&InverseConfig { widths: SMALL }, 1).unwrap();
+    let angle = |known: fn(usize) -> bool| {
+        let mut record = toy(3);
+        for (i, pixel) in record.pixels.chunks_exact_mut(at::COUNT).enumerate() {
+            let normal = if known(i) { [0.6, 0.0, 0.8] } else { [0.0; 3] };
+            pixel[at::NORMAL..at::NORMAL + 3].copy_from_slice(&normal);
+        }
+        validate(&network, &[Example::of(&record.to_half())]).unwrap().others["normals, degrees"]
+    };
+    let expected = 0.8_f32.acos().to_degrees();
+    for angle in [angle(|_| true), angle(|i| i % 2 == 0)] {
+        assert!((angle - expected).abs() < 0.1, "{angle} and not {expected}");
+    }
+    assert_eq!(angle(|_| false), 0.0);
+}
+
 /// A run that was stopped resumes to the same bytes, although the sequences in its window are made again.
 #[test]
 fn stopped_runs_resume_exactly() {

@@ -236,14 +236,15 @@ fn save(config: &Config, optimizer: &Optimizer, validation: &[Example], context:
 }
 
 /// Mean errors of the buffers that are found behind the pictures of `examples`, over the pixels that see a surface: PSNR of the
-/// albedo in dB, the mean angle of normals in degrees, the mean absolute error of half the logarithm of depth after the best
-/// shift, and roots of mean squares of roughness and metallic.
+/// albedo in dB, the mean angle of normals in degrees where a normal is known, the mean absolute error of half the logarithm of
+/// depth after the best shift, and roots of mean squares of roughness and metallic.
 ///
 /// # Errors
 /// When an example is empty.
 pub fn validate(inverse: &Inverse, examples: &[Example]) -> Result<Validation> {
     let mut sums = [0.0_f64; 5];
-    let mut count = 0.0;
+    // Of all examples, and of those with a normal.
+    let mut counts = [0.0_f64; 2];
     for example in examples {
         let (width, height) = (example.width, example.height);
         let picture = Rgb::from_fn(width, height, |x, y| renderflow_frame::color::display(example.at(x, y).radiance, 1.0));
@@ -253,8 +254,10 @@ pub fn validate(inverse: &Inverse, examples: &[Example]) -> Result<Validation> {
         if seen.is_empty() {
             continue;
         }
-        count += 1.0;
-        let mean = |of: &dyn Fn(usize) -> f32| seen.iter().map(|i| f64::from(of(*i))).sum::<f64>() / seen.len() as f64;
+        let mean_over = |pixels: &[usize], of: &dyn Fn(usize) -> f32| {
+            pixels.iter().map(|i| f64::from(of(*i))).sum::<f64>() / pixels.len() as f64
+        };
+        let mean = |of: &dyn Fn(usize) -> f32| mean_over(&seen, of);
         let squares = |a: [f32; 3], b: [f32; 3]| (0..3).map(|c| (a[c] - b[c]).powi(2)).sum::<f32>() / 3.0;
         let material = |c: usize| mean(&|i| (found.material.pixels[i][c] - targets[i].pixel.material[c]).powi(2)).sqrt();
         let angle = |i: usize| {
@@ -264,12 +267,19 @@ pub fn validate(inverse: &Inverse, examples: &[Example]) -> Result<Validation> {
         let difference = |i: usize| found.depth.pixels[i] - targets[i].pixel.depth;
         let shift = mean(&difference) as f32;
         sums[0] -= 10.0 * mean(&|i| squares(found.albedo.pixels[i], targets[i].pixel.albedo)).max(1e-10).log10();
-        sums[1] += mean(&angle);
+        // A pixel that is hardly covered, or whose normals cancel, has none.
+        let known: Vec<usize> = seen.iter().copied().filter(|i| targets[*i].pixel.normal != [0.0; 3]).collect();
+        if !known.is_empty() {
+            sums[1] += mean_over(&known, &angle);
+            counts[1] += 1.0;
+        }
+        counts[0] += 1.0;
         sums[2] += mean(&|i| (difference(i) - shift).abs());
         sums[3] += material(0);
         sums[4] += material(1);
     }
-    let [psnr, angle, depth, roughness, metallic] = sums.map(|sum| (sum / f64::max(count, 1.0)) as f32);
+    let mean = |k: usize| (sums[k] / f64::max(counts[usize::from(k == 1)], 1.0)) as f32;
+    let [psnr, angle, depth, roughness, metallic] = [0, 1, 2, 3, 4].map(mean);
     let others = [("normals, degrees", angle), ("depth", depth), ("roughness", roughness), ("metallic", metallic)];
     Ok(Validation {
         step: 0,
