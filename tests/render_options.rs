@@ -182,6 +182,23 @@ fn the_network_inside_the_program_cleans_pictures() {
     };
     assert!(roughness(&cleaned) < 0.8 * roughness(&raw), "nothing was cleaned");
     assert!(stderr(&render("a", "none", "1")).contains("the denoiser"));
+    // The same weights in a file make the same frame. Others do not go on in its folder.
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/model/weights/fusion.safetensors");
+    let mut bytes = std::fs::read(file).unwrap();
+    let (last, other) = (bytes.len() - 2, folder.path().join("other.safetensors"));
+    bytes[last] ^= 1;
+    std::fs::write(&other, bytes).unwrap();
+    let with = |out: &str, weights: &str, denoise: &str| {
+        let out = folder.path().join(out);
+        let words = ["render", "--seed", "3", "--frames", "1", "--resolution", "50", "--spp", "4", "--weights", weights];
+        renderflow(&[&words[..], &["--denoise", denoise, "--out", out.to_str().unwrap()]].concat())
+    };
+    assert!(with("named", file, "neural").status.success());
+    assert!(read("named") == cleaned);
+    let refused = with("a", other.to_str().unwrap(), "neural");
+    assert!(!refused.status.success() && stderr(&refused).contains("the denoiser"), "{}", stderr(&refused));
+    let refused = with("none", file, "oidn");
+    assert!(!refused.status.success() && stderr(&refused).contains("--denoise neural"), "{}", stderr(&refused));
     let plan = folder.path().join("plan.toml");
     let truth = ["dataset", "plan", "--seed", "1", "--sequences", "1", "--denoise", "neural", "--out", plan.to_str().unwrap()];
     let refused = renderflow(&truth);

@@ -23,6 +23,7 @@ use renderflow_frame::frame_file::Profile;
 use renderflow_frame::image::Rgb;
 use renderflow_frame::{Camera, Frame, exr, file};
 use renderflow_model::device::NetworkDevice;
+use renderflow_renderer::denoise::Denoiser;
 use renderflow_renderer::{Budget, Mode, RenderScene, Settings, Shutter, ThinLens, render_gbuffer};
 use renderflow_scenes::LoadedScene;
 use renderflow_scenes::description::Scene;
@@ -39,8 +40,10 @@ const DENOISING: u64 = 100;
 /// Milliseconds that it shows each frame.
 const SHOWN: u32 = 100;
 
-/// Path-traces a scene or a model. Every frame becomes an EXR with beauty and G-buffer, and a PNG. Finished frames stay. A
-/// labelled sheet shows the channels of the first frame, and an animation shows all frames.
+/// Path-trace a scene or a model file: one EXR (and PNG) a frame
+///
+/// Every frame becomes an EXR with beauty and G-buffer, and a PNG. Finished frames stay. A labelled sheet shows the channels of
+/// the first frame, and an animation shows all frames.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  renderflow render model.glb -o out\n  renderflow render model.glb --hdri sky.hdr --frames 17 -o out\n  \
@@ -64,6 +67,9 @@ pub struct Render {
     #[arg(long, value_enum, help_heading = "Denoising",
         conflicts_with_all = ["adaptive", "target_error", "time_budget", "sample_map", "reference", "tev"])]
     neighbours: Option<Neighbours>,
+    /// Weights of the network of --denoise neural; those inside the program without it
+    #[arg(long, value_name = "FILE", help_heading = "Network")]
+    weights: Option<PathBuf>,
     #[command(flatten)]
     device: DeviceArgs,
     #[command(flatten)]
@@ -284,8 +290,16 @@ impl Render {
             ..usual
         };
         // No other denoiser is a network of this program.
-        let device = if self.trace.denoise == Denoise::Neural { self.device.open()? } else { NetworkDevice::cpu() };
-        let mut settings = TruthSettings::new(render, self.trace.denoise, &device)?;
+        let neural = self.trace.denoise == Denoise::Neural;
+        ensure!(neural || self.weights.is_none(), "--weights: is for --denoise neural");
+        let device = if neural { self.device.open()? } else { NetworkDevice::cpu() };
+        let mut settings = match &self.weights {
+            Some(path) => {
+                let network = Arc::new(super::fusion(Some(path), &device)?);
+                TruthSettings::with_network(render, network, Denoiser::new().ok())
+            }
+            None => TruthSettings::new(render, self.trace.denoise, &device)?,
+        };
         if let Some(neighbours) = self.neighbours {
             ensure!(scene.frames > 1, "--neighbours: the scene has one frame; --frames makes more");
             ensure!(self.trace.denoise != Denoise::None, "--neighbours: is for a denoiser, and --denoise none has none");
