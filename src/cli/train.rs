@@ -57,7 +57,7 @@ The inverse network, which invert uses, is trained by a file run.json that holds
 
 A configuration file names its network: \"network\": \"fusion\", \"inverse\" or \"wan\". --print-config shows every option.";
 
-/// Train a network.
+/// Train a network: the one that reads samples, the one that inverts pictures, or the paper's
 ///
 /// Without --preset, this trains the fusion network, or the network that --config names, on a plan or a dataset. With --preset,
 /// it trains a stage of the paper's network on a dataset. The run writes checkpoints; the same command resumes a run that was
@@ -93,23 +93,24 @@ const SHIPPED: &str = "shipped";
 /// The options of a training.
 #[derive(Args)]
 struct Train {
-    /// Folder of one split of a dataset. The fusion network takes the truth from its frames and renders the other inputs from
-    /// their scenes; it is validated on the split `val` beside it
+    /// Folder of one split of a dataset. The fusion and the inverse network take the truth from its frames and render the rest
+    /// from their scenes; they are validated on the split `val` beside it
     #[arg(long, required_unless_present_any = ["plan", "print_config"], help_heading = "Input")]
     data: Option<PathBuf>,
-    /// Plan file (see `dataset plan`) for the fusion network. Its training sequences are composed and rendered during training,
-    /// and are not stored
+    /// Plan file (see `dataset plan`) for the fusion or the inverse network. Its training sequences are composed and rendered
+    /// during training, and are not stored
     #[arg(long, conflicts_with_all = ["data", "preset", "vae", "base", "cache_mib"], help_heading = "Input")]
     plan: Option<PathBuf>,
-    /// Folder that keeps the sequences which the fusion network learns from. Later runs with the same plan or dataset and the
-    /// same recipe read them from there instead of rendering them. A sequence of five frames takes up to 26 MB at 256x256
+    /// Folder that keeps the sequences which the fusion or the inverse network learns from. Later runs with the same plan or
+    /// dataset and the same recipe read them from there instead of rendering them. A sequence of five frames takes up to 26 MB at
+    /// 256x256
     #[arg(long, value_name = "DIR", conflicts_with = "preset", help_heading = "Input")]
     keep: Option<PathBuf>,
-    /// Folder for the checkpoint, log.jsonl and weights.safetensors. The fusion network also writes curves.html, TensorBoard
-    /// events and pictures
+    /// Folder for the checkpoint, log.jsonl and weights.safetensors. The fusion and the inverse network also write curves.html,
+    /// TensorBoard events and pictures
     #[arg(long, short, required_unless_present = "print_config", help_heading = "Output")]
     out: Option<PathBuf>,
-    /// JSON file with the options of either network, as --print-config prints them. Other flags override it
+    /// JSON file with the options of a network, as --print-config prints them. Other flags override it
     #[arg(long, help_heading = "Input")]
     config: Option<PathBuf>,
     /// Train the paper's network at this size
@@ -131,7 +132,8 @@ struct Train {
     /// Number of optimiser steps
     #[arg(long, help_heading = "Training")]
     steps: Option<u64>,
-    /// Minutes of training over all resumptions. The learning rate is annealed by the end
+    /// Minutes of training over all resumptions. The learning rate is annealed by the end. Crops that begin later in a run
+    /// (`crops` of the configuration) go by --steps alone
     #[arg(long, help_heading = "Training")]
     minutes: Option<f64>,
     /// Seed of the initial weights and of the batches
@@ -317,6 +319,7 @@ impl Train {
         let Some(path) = &self.from else { return Ok(None) };
         if self.out.as_ref().is_some_and(|out| out.join("checkpoint.safetensors").is_file()) {
             eprintln!("note: --from has no effect, because the run goes on from its own checkpoint");
+            return Ok(None);
         }
         Ok(Some(if path == Path::new(SHIPPED) { Trained::shipped()? } else { Trained::load(path)? }))
     }

@@ -48,6 +48,9 @@ pub struct LogRecord {
     pub eta: f64,
 }
 
+/// The file in the folder of a run to which every validation adds a line.
+pub const VALIDATIONS: &str = "validation.jsonl";
+
 /// The result of a validation of the averaged weights.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Validation {
@@ -61,12 +64,12 @@ pub struct Validation {
 }
 
 impl Validation {
-    /// Appends the result to `validation.jsonl` in the folder of a run.
+    /// Appends the result to [`VALIDATIONS`] in the folder of a run.
     ///
     /// # Errors
     /// When the file cannot be written.
     pub fn append(&self, output: &Path) -> Result<()> {
-        let path = output.join("validation.jsonl");
+        let path = output.join(VALIDATIONS);
         let mut line = serde_json::to_vec(self).map_err(|e| Error::malformed(&path, e.to_string()))?;
         line.push(b'\n');
         let file = std::fs::OpenOptions::new().create(true).append(true).open(&path);

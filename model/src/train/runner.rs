@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc;
 use std::time::Instant;
 
-pub use super::report::{LogRecord, Progress, StepResult, Validation};
+pub use super::report::{LogRecord, Progress, StepResult, VALIDATIONS, Validation};
 
 /// How many steps in a row may have a loss or gradient that is not finite. One more ends the run: a single batch may be at fault,
 /// but not all of them.
@@ -102,8 +102,8 @@ impl<C: TrainingConfig> Runner<'_, C> {
     /// Trains `model`, and resumes from the checkpoint in the folder if there is one.
     ///
     /// `batches` receives the first step and returns the function that makes the batch of a step. That function is called for one
-    /// step after another, on a thread of its own. `save` is called after every checkpoint and at the end, on the process that
-    /// leads its team.
+    /// step after another, on a thread of its own. `save` is called after every checkpoint and at the end, once for a step, on
+    /// the process that leads its team.
     ///
     /// # Errors
     /// When the objective, a batch or `save` fails, or when the folder cannot be written. [`Error::Diverged`] after eleven steps
@@ -141,6 +141,11 @@ impl<C: TrainingConfig> Runner<'_, C> {
         let options = serde_json::to_string(&(self.config, &self.data)).map_err(|e| Error::malformed(&path, e.to_string()))?;
         self.context.team.check_start(&options, &optimizer)?;
         let mut log = if self.context.team.leads() { Some(Log::open(&log, optimizer.steps)?) } else { None };
+        let validations = run.output.join(VALIDATIONS);
+        if log.is_some() && resumed_at.is_some() && validations.exists() {
+            // A run that was killed may have left half a line.
+            Log::open(&validations, optimizer.steps)?;
+        }
 
         let sizes: Vec<usize> = optimizer.slots.iter().map(|slot| slot.first.len()).collect();
         let mut optimizer = Resident::new(optimizer, self.context.device);
@@ -152,13 +157,14 @@ impl<C: TrainingConfig> Runner<'_, C> {
             let header = CheckpointHeader { config: self.config.clone(), step: optimizer.steps, elapsed, data };
             checkpoint::save(&path, &header, optimizer)
         };
-        let keep = |optimizer: &Resident, model: &O::Model, elapsed: f64| -> Result<()> {
+        let keep = |optimizer: &Resident, model: &O::Model, elapsed: f64, saved: Option<u64>| -> Result<()> {
             if !self.context.team.leads() {
                 return Ok(());
             }
             let optimizer = optimizer.on_host()?;
             checkpoint(&optimizer, elapsed)?;
-            save(&optimizer, model)
+            // The weights of a step are written, and validated, once. The time of the run has gone on.
+            if saved == Some(optimizer.steps) { Ok(()) } else { save(&optimizer, model) }
         };
         // This reference may go to another thread; `self` may not.
         let cancel = self.context.cancel;
@@ -180,7 +186,8 @@ impl<C: TrainingConfig> Runner<'_, C> {
                 }
             });
             let mut model = optimizer.put_into(model, &device);
-            let (mut left_out, mut kept) = (0, resumed_at);
+            // The step of the last checkpoint, and that of the last one of this session.
+            let (mut left_out, mut kept, mut saved) = (0, resumed_at, None);
             loop {
                 let (elapsed_now, stop) = self.context.team.agree(elapsed(), cancel.load(Ordering::Relaxed))?;
                 let share = run.share(optimizer.steps(), elapsed_now);
@@ -189,7 +196,7 @@ impl<C: TrainingConfig> Runner<'_, C> {
                     cancel.store(true, Ordering::Relaxed);
                 }
                 if share >= 1.0 || stop {
-                    keep(&optimizer, &model, elapsed())?;
+                    keep(&optimizer, &model, elapsed(), saved)?;
                     self.context.team.part()?;
                     return Ok(share >= 1.0);
                 }
@@ -253,8 +260,8 @@ impl<C: TrainingConfig> Runner<'_, C> {
                             model = optimizer.put_into(model, &device);
                         }
                     }
-                    keep(&optimizer, &model, elapsed())?;
-                    kept = Some(steps);
+                    keep(&optimizer, &model, elapsed(), saved)?;
+                    (kept, saved) = (Some(steps), Some(steps));
                 }
             }
         })?;
@@ -412,11 +419,15 @@ mod tests {
         };
         let model = Conv::new(&mut Init::new(1, &context.autodiff()), 1, 1, 1, 1.0);
         let runner = Runner { config: &config, data: None, context };
+        let saved = Mutex::new(Vec::new());
         let finite = |optimizer: &Optimizer, _: &Conv| {
             assert!(optimizer.values().iter().flat_map(|values| values.iter()).all(|v| v.is_finite()));
+            saved.lock().expect("steps").push(optimizer.steps);
             Ok(())
         };
         let summary = runner.run(&Toy, model, |_| Ok(move |step| Ok(batch(step))), &finite);
+        let saved = saved.into_inner().expect("steps");
+        assert!(saved.is_sorted_by(|a, b| a < b), "the last step has a checkpoint of its own, and is saved once: {saved:?}");
         (summary, notes.into_inner().expect("notes"))
     }
 
@@ -441,6 +452,8 @@ mod tests {
         let (ended, _) = run_in(folder.path(), |step| if step == 17 { f32::INFINITY } else { 1.0 });
         let said = ended.expect_err("the device is lost").to_string();
         assert!(said.starts_with("device gpu: lost; what was learned is kept"), "{said}");
+        let validations = folder.path().join(VALIDATIONS);
+        std::fs::write(&validations, "{\"step\":10}\n{\"step\":17,\"ps").expect("a file");
         let first = Mutex::new(None);
         let (summary, _) = run_in(folder.path(), |step| {
             first.lock().expect("the first step").get_or_insert(step);
@@ -448,5 +461,6 @@ mod tests {
         });
         assert_eq!(summary.expect("a run").steps, 40);
         assert_eq!(*first.lock().expect("the first step"), Some(17));
+        assert_eq!(std::fs::read_to_string(&validations).expect("a file"), "{\"step\":10}\n");
     }
 }

@@ -18,7 +18,8 @@ pub struct Crop {
     pub size: usize,
     /// Crops in a batch, 1..=4096.
     pub batch: usize,
-    /// The share of the run, 0..1, after which these crops are drawn.
+    /// The share of the steps, 0..1, after which these crops are drawn. Minutes do not count, because a batch depends on its step
+    /// alone.
     pub from: f64,
 }
 

@@ -7,7 +7,7 @@ use crate::util::picture;
 use anyhow::{Context, Result};
 use renderflow_frame::file;
 use renderflow_frame::image::Rgb;
-use renderflow_model::train::runner::{LogRecord, Progress, Validation, weights_path};
+use renderflow_model::train::runner::{LogRecord, Progress, VALIDATIONS, Validation, weights_path};
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -90,7 +90,7 @@ impl<'a> Monitor<'a> {
     /// The page of curves, from the logs of the run.
     fn curves(&self) -> Result<String> {
         let lines: Vec<LogRecord> = records(&self.out.join("log.jsonl"))?;
-        let validations: Vec<Validation> = records(&self.out.join("validation.jsonl"))?;
+        let validations: Vec<Validation> = records(&self.out.join(VALIDATIONS))?;
         let point = |step: u64, value: f32| Point { at: (step as f64, f64::from(value)), ..Point::default() };
         let loss: Vec<(String, Vec<Point>)> =
             vec![("loss".to_owned(), lines.iter().map(|line| point(line.step, line.loss)).collect())];
