@@ -7,13 +7,15 @@
 
 The folder `kept` holds the rendered sequences, one file each, which are dealt out to the processes. The output folder gets
 `weights.safetensors` (the averaged weights, which the program reads), `checkpoint.pt` and `log.jsonl`. The same command continues
-a run that was stopped. Ctrl-C and SIGTERM stop it after the current step, with a checkpoint and exit code 75.
+a run that was stopped. Ctrl-C and SIGTERM stop it after the current step, with a checkpoint and exit code 75. One run at a time
+writes to an output folder.
 """
 
 from __future__ import annotations
 
 import argparse
 import copy
+import fcntl
 import json
 import math
 import os
@@ -131,6 +133,18 @@ class Processes:
             dist.destroy_process_group()
 
 
+def hold(folder: Path) -> None:
+    """Keeps other runs from a folder until this process ends. `renderflow train` locks it in the same way."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        sys.exit(f"{folder}: another process writes to this folder; wait for its end, or choose another folder")
+    except OSError:
+        # Some network file systems have no locks.
+        os.close(descriptor)
+
+
 class Run:
     """The state of a run, which a checkpoint holds."""
 
@@ -211,6 +225,14 @@ class Run:
         return norm
 
 
+def step_of(line: str) -> float:
+    """The step of a line of the log; infinite where it is no whole line."""
+    try:
+        return json.loads(line)["step"]
+    except ValueError:
+        return math.inf
+
+
 class Log:
     """Sums since the last line, and the lines."""
 
@@ -219,8 +241,8 @@ class Log:
         self.first, self.start, self.before = run.step, time.monotonic(), run.elapsed
         self._clear()
         if run.processes.rank == 0 and self.path.exists():
-            # A run that was killed has lines of steps that are taken once more.
-            lines = [line for line in self.path.read_text().splitlines() if json.loads(line)["step"] <= run.step]
+            # A run that was killed has lines of steps that are taken once more, and one that met a full disk has half a line.
+            lines = [line for line in self.path.read_text().splitlines() if step_of(line) <= run.step]
             self.path.write_text("".join(line + "\n" for line in lines))
 
     def _clear(self) -> None:
@@ -295,6 +317,9 @@ def validate(run: Run) -> None:
 def train(run: Run, stopped: list[int]) -> bool:
     """Trains to the end, and returns whether it was reached."""
     given, processes = run.given, run.processes
+    if given.validate:
+        # A wrong folder is refused now, and not after the first checkpoint.
+        sequence_files(given.validate)
     batches = Batches(
         given.sequences,
         seed=given.seed,
@@ -359,6 +384,8 @@ def main() -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     processes = Processes(given.device)
     try:
+        if processes.rank == 0:
+            hold(given.out)
         run = Run(given, processes)
         finished = train(run, stopped)
         weights = given.out / "weights.safetensors"

@@ -68,21 +68,29 @@ class Scene:
         self._native = native
 
     @classmethod
-    def from_dict(cls, description: Mapping[str, Any], folder: PathLike = ".", allow_files: Iterable[PathLike] = ()) -> Scene:
-        """The scene that a description says. Its form is that of scene files (``renderflow schema``).
+    def from_dict(
+        cls, description: Mapping[str, Any], folder: PathLike = ".", allow_files: PathLike | Iterable[PathLike] = ()
+    ) -> Scene:
+        """The scene that a description says. Its form is that of scene files (``renderflow schema``); numbers and arrays of numpy
+        may stand in it.
 
-        Relative paths in it start from ``folder``. It may name files there and in the folders ``allow_files``.
+        Relative paths in it start from ``folder``. It may name files there and in ``allow_files``, a folder or several.
         """
-        text = json.dumps(description, allow_nan=False)
-        return cls(_native.describe(text, os.fspath(folder), [os.fspath(path) for path in allow_files]))
+        return cls(_native.describe(_json(description), os.fspath(folder), _folders(allow_files)))
 
     def to_dict(self) -> dict[str, Any]:
         """The description of the scene, with every default written out."""
         return json.loads(self._native.to_json())
 
     def save(self, path: PathLike) -> None:
-        """Writes the scene file that the command line takes."""
-        Path(path).write_text(json.dumps(self.to_dict(), indent=2) + "\n", encoding="utf-8")
+        """Writes the scene file that the command line takes.
+
+        Names of files stay as they are where they start from the folder of ``path``, and become full paths elsewhere. Whoever
+        reads the file then allows the folders of what lies outside of its own (``allow_files``, or ``--allow-files``).
+        """
+        path = Path(path)
+        description = json.loads(self._native.json_in(os.fspath(path.parent)))
+        path.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8")
 
     @property
     def frames(self) -> int:
@@ -113,9 +121,27 @@ class Scene:
         return repr(self._native)
 
 
+def _json(value: Any) -> str:
+    """The JSON of a value in which numbers and arrays of numpy may stand."""
+    return json.dumps(value, allow_nan=False, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
+    raise TypeError(f"{value!r} has no form in JSON")
+
+
+def _folders(allowed: PathLike | Iterable[PathLike]) -> list[str]:
+    """The folders that are allowed."""
+    # The letters of a path are no folders: the first may be "/", which would allow every file.
+    alone = isinstance(allowed, (str, os.PathLike))
+    return [os.fspath(folder) for folder in ([allowed] if alone else allowed)]
+
+
 def _size(resolution: int | tuple[int, int]) -> tuple[int, int]:
-    if isinstance(resolution, int):
-        return resolution, resolution
+    if isinstance(resolution, (int, np.integer)):
+        return int(resolution), int(resolution)
     width, height = resolution
     return int(width), int(height)
 
@@ -141,7 +167,7 @@ def load(
     cameras: PathLike | None = None,
     animation: str | int | None = None,
     set: Mapping[str, Any] | None = None,
-    allow_files: Iterable[PathLike] = (),
+    allow_files: PathLike | Iterable[PathLike] = (),
 ) -> Scene:
     """Reads a scene file (.json), or puts a model (.gltf, .glb, .obj, .ply) on a ground plane under a light.
 
@@ -150,8 +176,8 @@ def load(
     0. ``cameras`` is a ``transforms.json`` with one camera for each frame.
 
     ``set`` changes values of the scene by their paths, as in ``{"materials/0/roughness": 0.2}``. The file may name files in its
-    own folder and in the folders ``allow_files``. Raises :class:`Error` where a file cannot be read or holds something that cannot
-    be rendered.
+    own folder and in ``allow_files``, a folder or several. Raises :class:`Error` where a file cannot be read or holds something
+    that cannot be rendered.
     """
     asked = {
         "file": os.fspath(path),
@@ -163,8 +189,8 @@ def load(
         "camera": None if camera is None else str(camera),
         "cameras": None if cameras is None else os.fspath(cameras),
         "animation": None if animation is None else str(animation),
-        "set": [f"{path}={json.dumps(value, allow_nan=False)}" for path, value in (set or {}).items()],
-        "allowed": [os.fspath(folder) for folder in allow_files],
+        "set": [f"{path}={_json(value)}" for path, value in (set or {}).items()],
+        "allowed": _folders(allow_files),
     }
     return Scene(_native.load(asked))
 
@@ -189,14 +215,14 @@ def render(
     Returns a :class:`Frame`: a dict of arrays. The same arguments give the same bytes on every machine with the same kind of
     processor, for any number of threads.
     """
-    options = json.dumps({"spp": spp, "max_bounces": max_bounces, **settings}, allow_nan=False)
+    options = _json({"spp": spp, "max_bounces": max_bounces, **settings})
     return Frame._of(_native.render(scene._native, frame, options, denoise, distance))
 
 
 def gbuffer(scene: Scene, frame: int = 0, *, rays: int = 16) -> Frame:
     """The G-buffer of a frame without a picture. ``rays`` per pixel are traced for coverage and guides; all else is one ray
     through the centre of each pixel."""
-    return Frame._of(_native.gbuffer(scene._native, frame, json.dumps({"guide_samples": rays, "spp": 1})))
+    return Frame._of(_native.gbuffer(scene._native, frame, _json({"guide_samples": rays, "spp": 1})))
 
 
 def deferred(scene: Scene, frame: int = 0) -> Picture:
@@ -314,4 +340,4 @@ def read_frame(source: PathLike | bytes, layers: Iterable[str] | None = None) ->
         name, data = "frame", bytes(source)
     else:
         name, data = os.fspath(source), Path(source).read_bytes()
-    return Frame._of(_native.decode_frame(name, data, None if layers is None else list(layers)))
+    return Frame._of(_native.decode_frame(name, data, None if layers is None else [layers] if isinstance(layers, str) else list(layers)))

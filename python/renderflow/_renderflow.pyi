@@ -22,6 +22,7 @@ class Scene:
     hash: str
     notes: list[str]
     def to_json(self) -> str: ...
+    def json_in(self, folder: str) -> str: ...
 
 class Neural:
     parameters: int

@@ -18,10 +18,17 @@ __all__ = ["Dataset", "Shard", "read_shard", "shards"]
 _FRAME = re.compile(r"frame\.(\d+)\.(exr|rff)")
 
 
+def _place(path: Path) -> tuple[Path, int, str]:
+    """Orders frames by their numbers, which have more than four digits from 10000 on."""
+    match = _FRAME.fullmatch(path.name)
+    return path.parent, int(match[1]) if match else 0, path.name
+
+
 class Dataset(Sequence[Frame]):
     """The frames of a dataset, in order of their sequences. ``folder`` is a dataset, one split of it, or one sequence.
 
-    ``dataset[i]`` reads a frame. ``paths[i]`` is its file. ``layers`` selects layers; ``None`` reads all.
+    ``dataset[i]`` reads a frame. ``paths[i]`` is its file. ``layers`` selects layers; ``None`` reads all. What a repair has put aside
+    does not count.
     """
 
     def __init__(self, folder: str | os.PathLike[str], split: str | None = None, layers: Iterable[str] | None = None) -> None:
@@ -30,7 +37,9 @@ class Dataset(Sequence[Frame]):
         if not root.is_dir():
             raise FileNotFoundError(f"{root}: there is no such folder")
         self.layers = None if layers is None else tuple(layers)
-        self.paths = sorted(path for path in root.rglob("frame.*") if _FRAME.fullmatch(path.name))
+        aside = root / "aside" if (root / "plan.json").exists() else None
+        found = (path for path in root.rglob("frame.*") if _FRAME.fullmatch(path.name))
+        self.paths = sorted((path for path in found if aside not in path.parents), key=_place)
         if not self.paths:
             raise ValueError(f"{root}: holds no frames")
 

@@ -71,7 +71,9 @@ class ShardDataset(IterableDataset[dict[str, Any]]):
         super().__init__()
         self.shards = data.shards(folder, split)
         self.layers = None if layers is None else tuple(layers)
-        self.shuffle, self.buffer, self.seed, self.epoch = shuffle, max(1, buffer), seed, 0
+        self.shuffle, self.buffer, self.seed = shuffle, max(1, buffer), seed
+        # In shared memory, so that workers that outlive an epoch (``persistent_workers``) see it change.
+        self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
         distributed = torch.distributed.is_available() and torch.distributed.is_initialized()
         self.world = world if world is not None else torch.distributed.get_world_size() if distributed else 1
         self.rank = rank if rank is not None else torch.distributed.get_rank() if distributed else 0
@@ -82,17 +84,23 @@ class ShardDataset(IterableDataset[dict[str, Any]]):
                 f"{len(self.shards)} shards for {self.world} processes: pack with fewer samples per shard (--samples-per-shard)"
             )
 
+    @property
+    def epoch(self) -> int:
+        """The epoch whose order is read next."""
+        return int(self._epoch)
+
     def set_epoch(self, epoch: int) -> None:
         """Chooses the order. Call it before each epoch, in every process with the same number."""
-        self.epoch = epoch
+        self._epoch.fill_(epoch)
 
     def __len__(self) -> int:
-        return self._least(self._order())
+        return self._least(self._order(self.epoch))
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         info = get_worker_info()
         worker, workers = (info.id, info.num_workers) if info else (0, 1)
-        order = self._order()
+        epoch = self.epoch
+        order = self._order(epoch)
         mine = order[self.rank :: self.world]
         counts = [sum(shard.samples for shard in mine[w::workers]) for w in range(workers)]
         # What this process has beyond the others is left out, from the last worker on.
@@ -101,7 +109,7 @@ class ShardDataset(IterableDataset[dict[str, Any]]):
             left_out = min(excess, counts[w])
             counts[w] -= left_out
             excess -= left_out
-        rng = random.Random(f"{self.seed} {self.epoch} {self.rank} {worker} samples")
+        rng = random.Random(f"{self.seed} {epoch} {self.rank} {worker} samples")
         raw = (sample for shard in mine[worker::workers] for sample in data._samples(shard.path))
         chosen = _shuffled(raw, self.buffer, rng) if self.shuffle else raw
         for _, (about, packed) in zip(range(counts[worker]), chosen):
@@ -109,10 +117,10 @@ class ShardDataset(IterableDataset[dict[str, Any]]):
             described = {name: about[name] for name in ("key", "exposure", "keyframe")}
             yield {**described, **to_tensors(frame)}
 
-    def _order(self) -> list[data.Shard]:
+    def _order(self, epoch: int) -> list[data.Shard]:
         order = list(self.shards)
         if self.shuffle:
-            random.Random(f"{self.seed} {self.epoch} shards").shuffle(order)
+            random.Random(f"{self.seed} {epoch} shards").shuffle(order)
         return order
 
     def _least(self, order: list[data.Shard]) -> int:

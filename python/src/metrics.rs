@@ -19,6 +19,9 @@ type Mask<'py> = Option<PyReadonlyArray2<'py, f32>>;
 fn pair(a: &Picture<'_>, b: &Picture<'_>, mask: Option<&PyReadonlyArray2<'_, f32>>) -> PyResult<(Rgb, Rgb, Option<Image<f32>>)> {
     let (a, b, mask) = (picture(a)?, picture(b)?, mask.map(scalars).transpose()?);
     same_size(&a, &b).map_err(|error| PyValueError::new_err(error.to_string()))?;
+    if a.pixels.is_empty() {
+        return Err(PyValueError::new_err(format!("pictures with pixels are needed, not {} x {}", a.width, a.height)));
+    }
     if let Some(mask) = mask.as_ref().filter(|mask| (mask.width, mask.height) != (a.width, a.height)) {
         let reason = format!("the mask has {} x {} pixels, the pictures {} x {}", mask.width, mask.height, a.width, a.height);
         return Err(PyValueError::new_err(reason));

@@ -11,7 +11,7 @@ use renderflow::dataset::job::TruthSettings;
 use renderflow::util::cancel::Cancel;
 use renderflow_frame::Frame;
 use renderflow_frame::frame_file::Profile;
-use renderflow_frame::{compact, frame_file};
+use renderflow_frame::{compact, frame_file, words};
 use renderflow_model::device::NetworkDevice;
 use renderflow_renderer::deferred::{Deferred, Options, shade, shadow_maps};
 use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until};
@@ -29,6 +29,9 @@ pub fn settings(json: &str) -> PyResult<Settings> {
             return Err(PyValueError::new_err(format!("{name} is no setting of the renderer")));
         };
         *place = value.clone();
+        if let Err(error) = serde_json::from_value::<Settings>(all.clone()) {
+            return Err(PyValueError::new_err(format!("{name}: {}", words::plain(&error.to_string()))));
+        }
     }
     serde_json::from_value(all).map_err(|error| PyValueError::new_err(error.to_string()))
 }

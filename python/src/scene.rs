@@ -3,6 +3,7 @@
 use crate::work::{self, failed};
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
+use renderflow::dataset::job::with_absolute_paths;
 use renderflow::dataset::source::{Described, SceneSource};
 use renderflow_frame::reach::Reach;
 use renderflow_renderer::RenderScene;
@@ -97,6 +98,16 @@ impl Scene {
     /// Its description as JSON.
     fn to_json(&self) -> String {
         self.description.canonical_json()
+    }
+
+    /// Its description as JSON, for a scene file in `folder`. Names of files that do not start from there become full paths.
+    fn json_in(&self, folder: PathBuf) -> PyResult<String> {
+        let [there, here] = [folder.as_path(), self.reach.base()].map(|folder| std::path::absolute(folder).ok());
+        if there.is_some() && there == here {
+            return Ok(self.to_json());
+        }
+        let scene = with_absolute_paths(&self.description, self.reach.base()).map_err(failed)?;
+        Ok(scene.canonical_json())
     }
 
     fn __repr__(&self) -> String {

@@ -1,6 +1,7 @@
 """Datasets from Python, on a small one that the command line makes."""
 
 import multiprocessing
+import shutil
 import subprocess
 import sys
 
@@ -32,6 +33,22 @@ def test_folders(folders):
     assert dataset[-1]["beauty"].shape == (32, 32, 3)
     with pytest.raises(FileNotFoundError):
         data.Dataset(whole, "trian")
+
+
+def test_what_was_put_aside_does_not_count(folders, tmp_path):
+    whole = tmp_path / "whole"
+    shutil.copytree(folders[0], whole)
+    shutil.copytree(data.Dataset(whole).paths[0].parent, whole / "aside" / "train-seq-000000-1")
+    assert len(data.Dataset(whole)) == 15
+    assert len(data.Dataset(whole / "aside")) == 3
+
+
+def test_frames_are_in_the_order_of_their_numbers(tmp_path):
+    for name in ("a/frame.10000.exr", "a/frame.9999.exr", "b/frame.0001.rff"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    names = [path.relative_to(tmp_path).as_posix() for path in data.Dataset(tmp_path).paths]
+    assert names == ["a/frame.9999.exr", "a/frame.10000.exr", "b/frame.0001.rff"]
 
 
 def test_shards_hold_what_folders_hold(folders):
@@ -72,6 +89,14 @@ def test_torch(folders):
     # Workers that are spawned, as on macOS, on Windows, and by default from Python 3.14 on.
     context = multiprocessing.get_context("spawn")
     assert sorted(keys(num_workers=2, multiprocessing_context=context)) == sorted(first)
+    # Workers that stay see the epoch change.
+    loader = DataLoader(dataset, batch_size=2, num_workers=2, persistent_workers=True, multiprocessing_context=context)
+    orders = []
+    for epoch in (0, 1, 0):
+        dataset.set_epoch(epoch)
+        orders.append([key for batch in loader for key in batch["key"]])
+        assert dataset.epoch == epoch and sorted(orders[-1]) == sorted(first)
+    assert orders[0] == orders[2] != orders[1]
     with pytest.raises(KeyError, match="colour"):
         next(iter(ShardDataset(packed, "train", layers=["colour"])))
 

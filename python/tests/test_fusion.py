@@ -283,6 +283,9 @@ def test_the_script_trains_stops_and_continues(kept, tmp_path):
     assert 7 <= int(stopped[1]) < 40
     # The weights of a stopped run are usable.
     assert Fusion.load(tmp_path / "run" / "weights.safetensors").steps == int(stopped[1])
+    # A disk was full in the middle of a line.
+    with (tmp_path / "run" / "log.jsonl").open("a") as log:
+        log.write('{"step": 7, "sha')
 
     again = run(kept, tmp_path / "run", *steps)
     text, _ = again.communicate(timeout=600)
@@ -301,6 +304,25 @@ def test_the_script_trains_stops_and_continues(kept, tmp_path):
         capture_output=True, text=True,
     )  # fmt: skip
     assert other.returncode == 1 and "--seed differs" in other.stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of POSIX")
+def test_the_script_refuses_before_it_writes(kept, tmp_path):
+    import fcntl
+
+    def refused(*extra) -> str:
+        arguments = [kept, "--out", tmp_path / "run", "--widths", *["16"] * 4, "--crops", "32x1", "--steps", "1", *extra]
+        done = subprocess.run([sys.executable, SCRIPT, *arguments], capture_output=True, text=True)
+        assert done.returncode == 1 and not list((tmp_path / "run").iterdir()), done.stderr
+        return done.stderr
+
+    (tmp_path / "run").mkdir()
+    held = os.open(tmp_path / "run", os.O_RDONLY)
+    fcntl.flock(held, fcntl.LOCK_EX)
+    assert "another process writes to this folder" in refused()
+    # `renderflow train` takes the same lock.
+    os.close(held)
+    assert "holds no sequences" in refused("--validate", tmp_path / "absent")
 
 
 def test_a_network_learns_a_batch(sequences):

@@ -65,6 +65,54 @@ def test_scenes_go_through_dicts(scene):
         rf.Scene.from_dict(description)
 
 
+def test_numbers_and_arrays_of_numpy_are_numbers(scene):
+    description = scene.to_dict()
+    description["materials"][0]["roughness"] = np.float32(0.5)
+    description["materials"][0]["base_color"] = np.array([0.25, 0.5, 1.0], np.float32)
+    read = rf.Scene.from_dict(description).to_dict()["materials"][0]
+    assert read["roughness"] == 0.5 and read["base_color"] == [0.25, 0.5, 1.0]
+    with pytest.raises(ValueError):
+        rf.Scene.from_dict({**description, "seed": np.float32("nan")})
+    expected = rf.render(scene, spp=2, denoise="none")["beauty"]
+    assert np.array_equal(rf.render(scene, spp=np.int64(2), denoise="none")["beauty"], expected)
+    assert rf.compose(np.int64(7), resolution=np.int32(32)).resolution == (32, 32)
+
+
+def flag(folder):
+    """A description of a scene whose first object is a model in ``folder``."""
+    (folder / "flag.obj").write_text("v -1 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    description = rf.compose(seed=3, resolution=32).to_dict()
+    description["objects"][0]["geometry"] = {"file": "flag.obj"}
+    return description
+
+
+def test_a_saved_scene_finds_its_files(tmp_path):
+    models, elsewhere = tmp_path / "models", tmp_path / "elsewhere"
+    models.mkdir(), elsewhere.mkdir()
+    scene = rf.Scene.from_dict(flag(models), folder=models)
+    expected = rf.gbuffer(scene)["object_id"]
+    for folder in (models, elsewhere, tmp_path):
+        scene.save(folder / "scene.json")
+    # In the folder of the model, names stay.
+    assert rf.load(models / "scene.json").hash == scene.hash
+    assert np.array_equal(rf.gbuffer(rf.load(tmp_path / "scene.json"))["object_id"], expected)
+    assert np.array_equal(rf.gbuffer(rf.load(elsewhere / "scene.json", allow_files=[models]))["object_id"], expected)
+    with pytest.raises(rf.Error, match="leads out of the folder"):
+        rf.gbuffer(rf.load(elsewhere / "scene.json"))
+
+
+def test_one_folder_that_is_allowed_is_no_list_of_letters(tmp_path):
+    models, elsewhere = tmp_path / "models", tmp_path / "elsewhere"
+    models.mkdir(), elsewhere.mkdir()
+    description = flag(models)
+    description["objects"][0]["geometry"] = {"file": str(models / "flag.obj")}
+    for allowed in (str(models), models, [models]):
+        rf.gbuffer(rf.Scene.from_dict(description, folder=elsewhere, allow_files=allowed))
+    # The first letter is "/", which would allow every file.
+    with pytest.raises(rf.Error, match="leads out of the folder"):
+        rf.gbuffer(rf.Scene.from_dict(description, folder=elsewhere, allow_files=str(elsewhere)))
+
+
 def test_wrong_arguments_are_named(scene, tmp_path):
     with pytest.raises(IndexError, match="frame 3 of a scene with 3 frames"):
         rf.render(scene, 3)
@@ -76,6 +124,9 @@ def test_wrong_arguments_are_named(scene, tmp_path):
         rf.render(scene, spp=0)
     with pytest.raises(ValueError):
         rf.render(scene, spp=1, clamp_indirect=float("inf"))
+    for name, value in {"light_groups": "two", "spp": 1.5, "max_bounces": -1}.items():
+        with pytest.raises(ValueError, match=f"^{name}: found "):
+            rf.render(scene, **{name: value})
     with pytest.raises(rf.Error, match="spp"):
         rf.render(scene, spp=0x7FFFFFFF, denoise="none")
     with pytest.raises(rf.Error, match="absent.glb"):
@@ -88,6 +139,10 @@ def test_wrong_arguments_are_named(scene, tmp_path):
         rf.psnr(np.zeros((8, 8, 4)), np.zeros((8, 8, 4)))
     with pytest.raises(ValueError):
         rf.ssim(np.zeros((16, 16, 3)), np.zeros((16, 17, 3)))
+    # A crop beside the picture is equal to everything.
+    for metric in (rf.psnr, rf.ssim, rf.flip):
+        with pytest.raises(ValueError, match="pictures with pixels are needed, not 16 x 0"):
+            metric(np.zeros((0, 16, 3)), np.zeros((0, 16, 3)))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit of an address space")
@@ -152,6 +207,7 @@ def test_layers_of_a_file(scene, tmp_path):
     path = tmp_path / "out" / "frame.0000.exr"
     assert set(rf.read_frame(path, ["depth", "albedo"])) == {"depth", "albedo"}
     assert set(rf.read_frame(path.read_bytes(), ["alpha"])) == {"alpha"}
+    assert set(rf.read_frame(path, "depth")) == {"depth"}
     with pytest.raises(KeyError, match="colour"):
         rf.read_frame(path, ["colour"])
     with pytest.raises(KeyError, match="distance"):

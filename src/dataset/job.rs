@@ -490,8 +490,12 @@ fn moves_along(instance: &Instance, numbers: &[usize], track: &[Affine3A]) -> bo
     })
 }
 
-/// The scene with the full path of every file, so that its copy beside the frames still finds them.
-fn with_absolute_paths(scene: &Scene, base: &Path) -> Result<Scene> {
+/// The scene with the full path of every file, so that a copy in another folder still finds them. Relative names start from
+/// `base`.
+///
+/// # Errors
+/// When there is no working folder.
+pub fn with_absolute_paths(scene: &Scene, base: &Path) -> Result<Scene> {
     let mut scene = scene.clone();
     let mut files: Vec<&mut String> = Vec::new();
     if let EnvironmentSource::File(path) = &mut scene.environment.source {
