@@ -121,3 +121,17 @@ fn edits_that_make_no_sense_are_refused_before_anything_is_written() {
     assert!(output.contains("not empty"), "{output}");
     assert_eq!(common::files(&out).len(), 1);
 }
+
+/// Textures are often called as the values that change.
+#[test]
+fn pictures_that_are_not_of_an_edit_stay() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["roughness.png", "roughness.gif"] {
+        let (out, words) = (folder.path().join(name), ["--sweep", "materials/0/roughness=1..0", "--steps", "2"]);
+        std::fs::create_dir(&out).unwrap();
+        std::fs::write(out.join(name), "mine").unwrap();
+        let said = fail(&[&["edit", SCENE, "-o", out.to_str().unwrap()][..], &SMALL, &words].concat());
+        assert!(said.contains(name) && said.contains("already exists"), "{said}");
+        assert_eq!(common::files(&out), [(name.to_owned(), b"mine".to_vec())]);
+    }
+}

@@ -10,6 +10,7 @@ use crate::evaluate::results::Results;
 use crate::evaluate::run;
 use crate::report::steps::Steps;
 use crate::util::cancel::Cancel;
+use crate::util::output;
 use crate::util::picture;
 use crate::util::progress::Progress;
 use crate::util::ranges::{Resolution, resolution};
@@ -24,10 +25,12 @@ const SAMPLES: u32 = 128;
 /// The name of the set in the results.
 const SET: &str = "edit";
 
-/// Renders a scene while values of it go from one end to another in steps: materials, lights, the environment, anything that a
-/// scene file holds. Every step is path-traced, and rendered by the methods as well. Writes a labelled sheet and a GIF of each
-/// edit, and prints the error at each step. Without --sweep, it makes the three edits that the paper shows: a red cone becomes
-/// smooth, a yellow cylinder becomes metal, a blue cube becomes green. If it was stopped, the same command continues.
+/// Change materials, lights or the environment in steps, by networks and by path tracing: a sheet, a GIF and a table
+///
+/// Values of a scene go from one end to another in steps: materials, lights, the environment, anything that a scene file holds.
+/// Every step is path-traced, and rendered by the methods as well. The command writes a labelled sheet and a GIF of each edit,
+/// and prints the error at each step. Without --sweep, it makes the three edits that the paper shows: a red cone becomes smooth,
+/// a yellow cylinder becomes metal, a blue cube becomes green. If it was stopped, the same command continues.
 #[derive(Args)]
 #[command(after_help = "Examples:
   renderflow edit -o edits
@@ -96,7 +99,12 @@ impl Edit {
         };
         let folder = self.out.join("results");
         run::check(&options, &folder)?;
-        let swept = sweep::render(&edits, self.steps, &base, &self.out.join("steps"), &settings, cancel)?;
+        let frames = self.out.join("steps");
+        // Where the frames of an edit are, its pictures come from an earlier run.
+        for edit in edits.iter().filter(|edit| !output::exists(&frames.join(&edit.name))) {
+            self.pictures(edit).iter().try_for_each(|path| output::absent(path))?;
+        }
+        let swept = sweep::render(&edits, self.steps, &base, &frames, &settings, cancel)?;
         swept.load.iter().for_each(super::print_report);
         let test = |(class, sequence)| TestSequence { set: SET.into(), class, sequence };
         let tests: Vec<TestSequence> = swept.steps.into_iter().map(test).collect();
@@ -109,7 +117,7 @@ impl Edit {
         for edit in &edits {
             let labels = (0..self.steps).map(|step| edit.label(step, self.steps)).collect();
             let steps = Steps::new(&results, &edit.name, labels);
-            let [sheet, animation] = ["png", "gif"].map(|ending| self.out.join(format!("{}.{ending}", edit.name)));
+            let [sheet, animation] = self.pictures(edit);
             file::write_atomic(&sheet, &picture::png(&steps.sheet()?)?)?;
             if self.steps > 1 {
                 file::write_atomic(&animation, &steps.animation()?)?;
@@ -127,6 +135,11 @@ impl Edit {
             self.open.open(&self.out.join(format!("{}.png", edit.name)));
         }
         Ok(())
+    }
+
+    /// The sheet and the animation of an edit.
+    fn pictures(&self, edit: &sweep::Edit) -> [PathBuf; 2] {
+        ["png", "gif"].map(|ending| self.out.join(format!("{}.{ending}", edit.name)))
     }
 
     /// The edits that are asked for, and the files that their scenes may name.
