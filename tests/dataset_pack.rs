@@ -499,6 +499,10 @@ fn coco_masks_are_the_object_ids() {
     succeed(&["dataset", "export", sequence.to_str().unwrap(), "--to", "coco", "--out", part.path().to_str().unwrap()]);
     let file = format!("annotations/instances_{split}.json");
     assert_eq!(json(&part.path().join(&file))["categories"], json(&out.path().join(&file))["categories"]);
+    // Another part would take its place.
+    let (other, before) = (sequences(dataset()).remove(0).1, files(part.path()));
+    let words = ["dataset", "export", other.to_str().unwrap(), "--to", "coco", "--out", part.path().to_str().unwrap()];
+    assert!(common::fail(&words).contains("which would be lost") && files(part.path()) == before);
     // Families have their ids by the program's list, in every dataset.
     let table = json(&out.path().join(&file))["categories"].clone();
     for (i, family) in renderflow_scenes::shapes::FAMILIES.iter().enumerate() {

@@ -38,7 +38,7 @@ pub struct SlurmArgs {
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..), help_heading = "Tasks")]
     tasks_at_once: Option<u32>,
     /// How often a task starts again after it failed or was interrupted
-    #[arg(long, default_value_t = 3, help_heading = "Tasks")]
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(..=i64::from(i32::MAX)), help_heading = "Tasks")]
     retries: u32,
     /// Seconds before the end of --time at which a task gets a signal to stop after its frame
     #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=65535), help_heading = "Tasks")]

@@ -10,9 +10,9 @@ mod png;
 
 use super::manifest::Manifest;
 use super::plan::Plan;
-use super::sequence::Sequence;
+use super::sequence::{Sequence, split_named};
 use super::whole;
-use crate::dataset::layout::MANIFEST;
+use crate::dataset::layout::{MANIFEST, PLAN};
 use crate::util::cancel::Cancel;
 use crate::util::files;
 use crate::util::output::{self, Claim};
@@ -44,7 +44,7 @@ pub enum Form {
 struct Mark {
     version: u32,
     form: Form,
-    /// BLAKE3 of the manifest of the dataset, where it has one.
+    /// What tells the dataset from others, see [`identity`]. Earlier versions wrote none for a dataset without a manifest.
     dataset: Option<String>,
 }
 
@@ -67,7 +67,7 @@ pub fn export(dataset: &Path, to: Form, out: &Path, cancel: &Cancel) -> Result<(
     ensure!(!from.starts_with(&target), "{}", place("above"));
     // PNG files of version 1 had exact values beside the pictures.
     let version = if to == Form::Png { 2 } else { 1 };
-    let mark = Mark { version, form: to, dataset: files::hash(&root.join(MANIFEST)).ok() };
+    let mark = Mark { version, form: to, dataset: Some(identity(&root, &sequences)?) };
     let claim = Claim::new(out, MARK, &mark, "files of another form or of another dataset")?;
     sequences.iter().try_for_each(|sequence| ready(sequence, to))?;
     let categories = if to == Form::Coco { coco::Categories::of(&root, &sequences)? } else { Default::default() };
@@ -79,7 +79,9 @@ pub fn export(dataset: &Path, to: Form, out: &Path, cancel: &Cancel) -> Result<(
         Form::Cosmos => sequences.iter().try_for_each(|sequence| cosmos::sequence(sequence, out, &job))?,
         Form::Png => sequences.iter().try_for_each(|sequence| png::sequence(sequence, out, &job))?,
         Form::Coco => {
-            sequences.chunk_by(|a, b| a.split == b.split).try_for_each(|split| coco::split(split, &categories, out, &job))?;
+            let splits = || sequences.chunk_by(|a, b| a.split == b.split);
+            splits().try_for_each(|split| coco::holds_no_more(split, out))?;
+            splits().try_for_each(|split| coco::split(split, &categories, out, &job))?;
         }
     }
     progress.finish();
@@ -89,11 +91,28 @@ pub fn export(dataset: &Path, to: Form, out: &Path, cancel: &Cancel) -> Result<(
 /// The whole dataset, if `dataset` is a split or a sequence of one; otherwise `dataset` itself.
 fn root(dataset: &Path) -> Result<PathBuf> {
     let full = output::resolved(dataset)?;
-    let is_whole = |folder: &&Path| {
-        file::read_json::<Plan>(&folder.join("plan.json")).is_ok() || file::read_json::<Manifest>(&folder.join(MANIFEST)).is_ok()
+    let is_whole = |folder: &Path| {
+        file::read_json::<Plan>(&folder.join(PLAN)).is_ok() || file::read_json::<Manifest>(&folder.join(MANIFEST)).is_ok()
     };
-    let above = full.ancestors().skip(1).take(2).find(is_whole);
-    Ok(above.filter(|_| !is_whole(&full.as_path())).map_or_else(|| dataset.to_owned(), Path::to_owned))
+    // A plan that lies beside a folder says nothing about it, unless the folder has the place of a split or of a sequence.
+    let split = full.ancestors().take(2).position(|folder| split_named(folder).is_some());
+    let above = split.and_then(|level| full.ancestors().nth(level + 1));
+    let above = above.filter(|above| !is_whole(&full) && is_whole(above));
+    Ok(above.map_or_else(|| dataset.to_owned(), Path::to_owned))
+}
+
+/// What tells the dataset in `root` from others: BLAKE3 of its manifest or else of its plan, and where it has neither, of all
+/// that is in `sequences`.
+fn identity(root: &Path, sequences: &[Sequence]) -> Result<String> {
+    if let Some(hash) = [MANIFEST, PLAN].iter().find_map(|name| files::hash(&root.join(name)).ok()) {
+        return Ok(hash);
+    }
+    let digest = |sequence: &Sequence| -> Result<(String, String)> {
+        let all: Vec<usize> = (0..sequence.len()).collect();
+        Ok((format!("{}/{}", sequence.split, sequence.name), sequence.digest(&all)?))
+    };
+    let digests = sequences.iter().map(digest).collect::<Result<Vec<_>>>()?;
+    Ok(blake3::hash(&serde_json::to_vec(&digests)?).to_hex().to_string())
 }
 
 /// Checks a sequence as far as that is possible without decoding its frames.

@@ -49,6 +49,11 @@ pub fn frame_number(file: &str) -> Option<usize> {
     frame_file::EXTENSIONS.contains(&ending).then(|| number.parse().ok())?
 }
 
+/// Whether `folder` is where a dataset keeps what was in the way, which is no part of it.
+pub fn is_aside(folder: &Path) -> bool {
+    folder.file_name().is_some_and(|name| name == ASIDE) && folder.with_file_name(PLAN).exists()
+}
+
 /// Whether `folder` holds a sequence.
 pub fn is_sequence(folder: &Path) -> bool {
     folder.join(TRANSFORMS).is_file()

@@ -2,7 +2,7 @@
 //! .rff, ...}`.
 
 use super::record::Record;
-use crate::dataset::layout::{SCENE, TRANSFORMS, frame_number, is_sequence};
+use crate::dataset::layout::{SCENE, TRANSFORMS, frame_number, is_aside, is_sequence};
 use crate::util::files;
 use anyhow::{Context, Result, anyhow, ensure};
 use rayon::prelude::*;
@@ -26,13 +26,15 @@ pub fn folders(root: &Path) -> Result<Vec<PathBuf>> {
     Ok(files::list(root)?.into_iter().filter(|path| is_sequence(path)).collect())
 }
 
-/// The folders of all sequences at or below `root`, at any depth, by path. A sequence inside of another one is part of it.
+/// The folders of all sequences at or below `root`, at any depth, by path. A sequence inside of another one is part of it, and
+/// what a dataset below `root` has put aside is part of nothing.
 ///
 /// # Errors
 /// When a folder cannot be listed.
 pub fn find_folders(root: &Path) -> Result<Vec<PathBuf>> {
     let descriptions = files::walk(root, &["json"])?.into_iter().filter(|path| path.ends_with(TRANSFORMS));
-    let mut all: Vec<PathBuf> = descriptions.filter_map(|path| Some(path.parent()?.to_owned())).collect();
+    let counts = |folder: &PathBuf| !folder.ancestors().take_while(|above| *above != root).any(is_aside);
+    let mut all: Vec<PathBuf> = descriptions.filter_map(|path| Some(path.parent()?.to_owned())).filter(counts).collect();
     // A folder comes before the folders inside of it.
     all.sort();
     let mut found: Vec<PathBuf> = Vec::new();
@@ -329,6 +331,25 @@ mod tests {
         assert_eq!((found[0].numbers.as_slice(), found[0].len()), (&[4, 8][..], 2));
         assert_eq!(folders(root.path()).unwrap(), [root.path().join("a")]);
         assert!(find(&root.path().join("a/inner/none")).is_err());
+    }
+
+    /// A repair moves what is in the way into the folder `aside` of the dataset.
+    #[test]
+    fn what_was_put_aside_does_not_count() {
+        let root = tempfile::tempdir().unwrap();
+        for name in ["set/test/a", "set/aside/test-a-1"] {
+            let folder = root.path().join(name);
+            std::fs::create_dir_all(&folder).unwrap();
+            std::fs::write(folder.join(TRANSFORMS), cameras(&["frame.0000.exr"])).unwrap();
+        }
+        let names = |root: &Path| find(root).unwrap().into_iter().map(|sequence| sequence.name).collect::<Vec<_>>();
+        // Any folder may be called so, if it does not lie beside a plan.
+        assert_eq!(names(root.path()), ["test-a-1", "a"]);
+        std::fs::write(root.path().join("set/plan.json"), "{}").unwrap();
+        assert_eq!(names(root.path()), ["a"]);
+        assert_eq!(names(&root.path().join("set")), ["a"]);
+        // Who names it, means it.
+        assert_eq!(names(&root.path().join("set/aside")), ["test-a-1"]);
     }
 
     #[test]

@@ -113,13 +113,14 @@ impl<'a> Tally<'a> {
         self.statistics.add(&record.statistics);
 
         let named = |label: &str| ((0, label.to_owned()), 1);
+        let objects = record.objects.len() as u32;
         let yes = |flag: bool| named(if flag { "yes" } else { "no" });
         self.count("layout", [named(&record.layout)]);
         self.count("camera", [named(&record.camera)]);
         self.count("objects move", [yes(record.moving)]);
         self.count("materials change", [yes(record.changing)]);
         self.count("concentration of the light", [(decade(record.environment.concentration), 1)]);
-        self.count("objects in a scene", [named(&format!("{:02}", record.objects.len()))]);
+        self.count("objects in a scene", [((objects, objects.to_string()), 1)]);
         self.count("triangles in a scene", [(decade(record.triangles as f32), 1)]);
         let labels = (0..).zip(["all", "textured", "metal"].map(str::to_owned));
         self.count("materials on objects and structure", labels.zip(record.materials.map(|count| count as u64)));

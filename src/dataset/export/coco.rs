@@ -10,13 +10,13 @@ use super::picture::{byte, png};
 use super::{Job, displayed};
 use crate::dataset::Sequence;
 use crate::dataset::whole::{self, key};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use renderflow_frame::Image;
 use renderflow_frame::file;
 use renderflow_scenes::shapes::FAMILIES;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 #[derive(Serialize)]
 struct Instances {
@@ -205,6 +205,42 @@ fn categories(sequence: &Sequence) -> Result<Vec<String>> {
     Ok(scene.objects.iter().map(|o| recorded(&o.name).unwrap_or_else(|| family(&o.name).to_owned())).collect())
 }
 
+/// File name of a picture in the folder of its split.
+fn picture_file(sequence: &Sequence, index: usize) -> String {
+    format!("{}.png", key(sequence, index))
+}
+
+/// The annotations of a split.
+fn annotations_file(sequences: &[Sequence], out: &Path) -> PathBuf {
+    out.join(format!("annotations/instances_{}.json", sequences[0].split))
+}
+
+/// Checks that the annotations of a split, where an earlier export left some, hold no other sequences than these.
+///
+/// # Errors
+/// When they do: the other sequences would be lost.
+pub fn holds_no_more(sequences: &[Sequence], out: &Path) -> Result<()> {
+    #[derive(Deserialize)]
+    struct Earlier {
+        images: Vec<EarlierPicture>,
+    }
+    #[derive(Deserialize)]
+    struct EarlierPicture {
+        file_name: String,
+    }
+    let path = annotations_file(sequences, out);
+    let Ok(earlier) = file::read_json::<Earlier>(&path) else { return Ok(()) };
+    let frames = sequences.iter().flat_map(|sequence| (0..sequence.len()).map(move |index| (sequence, index)));
+    let own: BTreeSet<String> = frames.map(|(sequence, index)| picture_file(sequence, index)).collect();
+    match earlier.images.iter().find(|picture| !own.contains(&picture.file_name)) {
+        Some(EarlierPicture { file_name }) => bail!(
+            "{}: also lists {file_name}, which would be lost; export all of the split, or choose another folder",
+            path.display()
+        ),
+        None => Ok(()),
+    }
+}
+
 /// The sequences of one split.
 pub fn split(sequences: &[Sequence], ids: &Categories, out: &Path, job: &Job) -> Result<()> {
     let (mut images, mut found): (Vec<Picture>, Vec<(usize, usize, Mask)>) = (Vec::new(), Vec::new());
@@ -213,7 +249,7 @@ pub fn split(sequences: &[Sequence], ids: &Categories, out: &Path, job: &Job) ->
         let folder = out.join(sequence.split.name());
         let frames = job.frames(sequence, |index, frame| {
             let picture = displayed(&frame, sequence.transforms.exposure)?;
-            let file_name = format!("{}.png", key(sequence, index));
+            let file_name = picture_file(sequence, index);
             let bytes = png(frame.width, frame.height, picture.pixels.iter().map(|p| p.map(byte)))?;
             job.write(folder.join(&file_name), &bytes)?;
             Ok((file_name, frame.width, frame.height, masks(&frame.object_id)))
@@ -241,9 +277,8 @@ pub fn split(sequences: &[Sequence], ids: &Categories, out: &Path, job: &Job) ->
     let annotations = annotations.collect();
     let categories = ids.list();
     let info = Info { description: "RenderFlow", version: env!("CARGO_PKG_VERSION") };
-    let name = format!("annotations/instances_{}.json", sequences[0].split);
     let text = serde_json::to_vec(&Instances { info, images, annotations, categories })?;
-    job.write(out.join(name), &text)
+    job.write(annotations_file(sequences, out), &text)
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::Counts;
 use crate::dataset::check::verify_frame;
+use crate::dataset::layout::is_aside;
 use crate::dataset::learned::Dataset;
 use crate::dataset::plan::Plan;
 use crate::dataset::sequence::{Sequence, folders};
@@ -176,7 +177,7 @@ fn splits(path: &Path) -> Result<Vec<Dataset>> {
         return Ok(vec![Dataset::open(path)?]);
     }
     let mut found = Vec::new();
-    for folder in files::list(path)?.into_iter().filter(|path| path.is_dir()) {
+    for folder in files::list(path)?.into_iter().filter(|path| path.is_dir() && !is_aside(path)) {
         if !folders(&folder)?.is_empty() {
             found.push(Dataset::open(&folder)?);
         }

@@ -7,7 +7,7 @@ use crate::util::files;
 use anyhow::{Context, Result, ensure};
 use renderflow_frame::frame_file::{self, Profile};
 use renderflow_frame::transforms::{Matrix, rows};
-use renderflow_frame::{Camera, compact};
+use renderflow_frame::{Camera, Distortion, compact};
 use serde::Serialize;
 use serde::de::IgnoredAny;
 use std::collections::BTreeMap;
@@ -35,9 +35,9 @@ struct Frame<'a> {
     exposure: f32,
     camera: CameraEntry,
     environment: Environment<'a>,
-    /// Object id to rows of object-to-world; only objects that move.
+    /// Object id to rows of object-to-world; only objects that move. `null` for an object whose movement is unknown.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
-    object_transforms: BTreeMap<u32, Matrix>,
+    object_transforms: BTreeMap<u32, Option<Matrix>>,
     /// Ending of the frame's file in the sample, its length and hash.
     file: &'a str,
     bytes: usize,
@@ -55,13 +55,16 @@ struct CameraEntry {
     cy: f32,
     w: usize,
     h: usize,
+    /// Coefficients of a lens that bends straight lines.
+    #[serde(skip_serializing_if = "Option::is_none", flatten)]
+    lens: Option<Distortion>,
     transform_matrix: Matrix,
 }
 
 impl CameraEntry {
     fn of(camera: &Camera) -> Self {
         Self {
-            camera_model: "PINHOLE",
+            camera_model: if camera.distortion.is_some() { "FULL_OPENCV" } else { "PINHOLE" },
             convention: "opengl_c2w",
             fl_x: camera.fl_x,
             fl_y: camera.fl_y,
@@ -69,6 +72,7 @@ impl CameraEntry {
             cy: camera.cy,
             w: camera.width,
             h: camera.height,
+            lens: camera.distortion,
             transform_matrix: rows(camera.camera_to_world, camera.origin),
         }
     }
@@ -133,7 +137,7 @@ pub fn frame(sequence: &Sequence, index: usize, profile: Frames) -> Result<Vec<M
             intensity: transforms.environment_intensity,
         },
         object_transforms: (transforms.tracks.objects.iter())
-            .filter_map(|(&id, track)| Some((id, rows(*track.get(index)?, camera.origin))))
+            .map(|(&id, track)| (id, track.get(index).map(|&transform| rows(transform, camera.origin))))
             .collect(),
         file: form.extension(),
         bytes: bytes.len(),
@@ -185,6 +189,12 @@ pub fn source_hash(planned: &Planned, profile: Frames) -> Result<String> {
         if last.is_none_or(|last| !std::ptr::eq(last, sequence)) {
             put(&sequence.name);
             put(&hash_of(sequence, "transforms.json")?);
+            // Earlier versions left both out of the descriptions of frames, so such shards are written again.
+            let transforms = &sequence.transforms;
+            let bent = transforms.cameras.iter().any(|camera| camera.distortion.is_some());
+            if planned.kind == Kind::Frames && (bent || transforms.tracks.objects.values().any(Vec::is_empty)) {
+                put("lens, unknown movement");
+            }
             last = Some(sequence);
         }
         match planned.kind {
