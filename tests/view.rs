@@ -274,6 +274,33 @@ fn the_newest_page_has_the_scene() {
     second.picture("right", 1);
 }
 
+/// A page that does not read what it is sent is replaced, and goes while a large picture is still on its way to it.
+#[test]
+fn a_page_that_goes_late_does_not_stop_the_newer_one() {
+    let viewer = Viewer::start(&[]);
+    let mut first = viewer.page();
+    let mut state = first.text("hello")["state"].clone();
+    state["type"] = "state".into();
+    state["id"] = 1.into();
+    state["split"] = false.into();
+    state["right"] = "path".into();
+    state["resolution"] = json!([2048, 2048]);
+    first.say(&state);
+    // Once its first bytes are here, the rest waits for a reader.
+    assert_eq!(first.socket.get_ref().peek(&mut [0]).unwrap(), 1);
+    std::thread::sleep(Duration::from_millis(500));
+    let mut second = viewer.page();
+    second.text("hello");
+    state["right"] = "ibl".into();
+    state["resolution"] = json!([48, 48]);
+    second.say(&state);
+    let (_, before) = second.picture("right", 1);
+    drop(first);
+    std::thread::sleep(Duration::from_millis(500));
+    second.say(&json!({"type": "exposure", "stops": -2.0}));
+    assert_ne!(second.picture("right", 1).1, before);
+}
+
 impl Page {
     /// The state of a new page.
     fn home(&mut self) -> Value {

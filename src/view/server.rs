@@ -212,6 +212,12 @@ async fn converse(mut socket: WebSocket, shared: Arc<Shared>) {
     });
     let mut newest = shared.newest.subscribe();
     shared.inbox.join();
+    // A page that was replaced may go late, while a picture is still on its way to it. The newer page stays.
+    let leave = || {
+        if *shared.newest.borrow() == number {
+            shared.inbox.leave();
+        }
+    };
     let mut drawing = false;
     loop {
         tokio::select! {
@@ -225,7 +231,7 @@ async fn converse(mut socket: WebSocket, shared: Arc<Shared>) {
             }
             received = socket.recv() => match received {
                 None | Some(Err(_)) | Some(Ok(Message::Close(_))) => {
-                    shared.inbox.leave();
+                    leave();
                     return;
                 }
                 Some(Ok(Message::Text(text))) => match serde_json::from_str(&text) {
@@ -244,7 +250,7 @@ async fn converse(mut socket: WebSocket, shared: Arc<Shared>) {
                     }
                 };
                 if socket.send(message).await.is_err() {
-                    shared.inbox.leave();
+                    leave();
                     return;
                 }
             }
