@@ -71,6 +71,30 @@ fn every_command_shows_an_example() {
     }
 }
 
+/// The title of a command hid the rest of what its options say about it.
+#[test]
+fn long_help_says_what_a_command_does() {
+    for (command, says) in [
+        ("render", "Finished frames stay."),
+        ("train", "Without --preset, this trains the fusion network"),
+        ("infer", "in clips of five frames that overlap by one"),
+        ("edit", "a red cone becomes smooth"),
+        ("view", "at an address with a secret token"),
+        ("check", "finds the kind by the content"),
+        ("weights convert", "A file with a missing tensor"),
+        ("evaluate relight", "The first frame of each sequence is inverted."),
+        ("dataset pack", "Finished shards stay."),
+    ] {
+        let [long, short] = ["--help", "-h"].map(|option| {
+            let words: Vec<&str> = command.split(' ').chain([option]).collect();
+            succeed(&words)
+        });
+        assert!(long.contains(says), "{command}: {long}");
+        assert!(!short.contains(says), "{command}: {short}");
+        assert_eq!(long.lines().next(), short.lines().next(), "{command}");
+    }
+}
+
 #[test]
 fn the_scene_is_an_argument_and_a_model_one_picture() {
     let folder = Folder::new();
@@ -257,7 +281,7 @@ fn the_doctor_says_what_is_there() {
     std::fs::write(folder.path("lpips_alex.safetensors"), "").unwrap();
     assert_eq!(lpips(&serde_json::from_str(&run(Some(folder.0.path()), &["--json"])).unwrap()), [true, false]);
     let text = run(None, &[]);
-    for word in ["version", "denoiser", "network", "LPIPS", "RENDERFLOW_LPIPS_WEIGHTS", "cores", "memory", "disk"] {
+    for word in ["version", "denoiser", "network", "LPIPS", "RENDERFLOW_LPIPS_WEIGHTS", "core", "memory", "disk"] {
         assert!(text.contains(word), "{word}: {text}");
     }
 }

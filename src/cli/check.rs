@@ -10,9 +10,10 @@ use std::panic::UnwindSafe;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 
-/// Checks whether files can be used, and prints what is in each file, or what is wrong and where. It knows scenes, plans,
-/// transforms.json, glTF, OBJ, PLY, environment maps, frames, textures, weights and dataset folders, and finds the kind by the
-/// content.
+/// Check whether scenes, models, maps, frames, weights and datasets can be used
+///
+/// The command prints what is in each file, or what is wrong and where. It knows scenes, plans, transforms.json, glTF, OBJ, PLY,
+/// environment maps, frames, textures, weights and dataset folders, and finds the kind by the content.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  renderflow check scene.json model.glb sky.hdr frame.0000.exr weights.safetensors data/train\n  renderflow check --json *.gltf | jq '.[] | select(.accepted | not)'\n\nExit code 0 only if every file is accepted, 130 if interrupted."

@@ -44,7 +44,6 @@ pub enum DatasetCommand {
     Stats(StatsArgs),
     /// Write scripts that render a plan on a Slurm or Kubernetes cluster
     Slurm(super::slurm::SlurmArgs),
-    /// Turn a dataset into WebDataset tar shards, or verify such shards
     Pack(super::pack::PackArgs),
     /// Write a dataset for nerfstudio, Cosmos DiffusionRenderer or COCO tools, or as PNG files
     Export(super::export::ExportArgs),

@@ -29,9 +29,11 @@ const SCENE: u64 = 53;
 /// Samples for each pixel of the truth by default: the whole demo then takes about a minute on four cores.
 const SAMPLES: u32 = 128;
 
-/// Runs the whole pipeline on one sequence. It composes (or loads) a scene, renders truth and keyframes along an orbit, renders
-/// the same frames by split-sum IBL, by deferred shading and by the networks with and without keyframes, prints the comparison
-/// and writes a report. If it was stopped, the same command continues.
+/// The whole pipeline on one sequence: truth, every method, a table, and report/index.html
+///
+/// The command composes (or loads) a scene, renders truth and keyframes along an orbit, renders the same frames by split-sum IBL,
+/// by deferred shading and by the networks with and without keyframes, prints the comparison and writes a report. If it was
+/// stopped, the same command continues.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow demo\n  renderflow demo model.glb --hdri sky.hdr -o demo-model")]
 pub struct Demo {

@@ -50,11 +50,8 @@ pub struct Evaluate {
 /// Parts of the networks that are measured instead of pictures.
 #[derive(Subcommand)]
 enum Part {
-    /// Measure recovered albedo, normals, depth and material
     Inverse(inverse::Options),
-    /// Invert pictures, turn their light, and compare with path tracing under the turned light
     Relight(relight::Options),
-    /// Measure what an autoencoder of the paper's network loses, by kind of picture and by frame of a clip
     Autoencoder(autoencoder::Options),
 }
 

@@ -29,10 +29,12 @@ pub(super) const OTHERS: &str = "pictures of other weights or options";
 /// State of a network that was stopped between the clips of a sequence.
 const STATE: &str = "stopped.safetensors";
 
-/// Renders every frame of sequence folders with a network: from deferred shading, from keyframes, from a few samples that are
-/// traced for it, or from all of them. The scene of each sequence must be beside its frames, as in datasets. The paper's network
-/// (--weights) only reads G-buffers and keyframes, and deferred shading if it was trained to begin with it. It works in clips of
-/// five frames that overlap by one, unless --stills is given. If it was stopped, the same command continues.
+/// Render the frames of sequence folders with a network
+///
+/// The network renders from deferred shading or from a few samples that are traced for it, and reads keyframes besides if it is
+/// told to. The scene of each sequence must be beside its frames, as in datasets. The paper's network (--weights) only reads
+/// G-buffers and keyframes, and deferred shading if it was trained to begin with it. It works in clips of five frames that
+/// overlap by one, unless --stills is given. If the command was stopped, the same command continues.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow infer --data data/test/seq-000009 --keyframes -o neural\n  \
 renderflow infer --data data/test --rays 4 --neighbours around -o neural-rays\n  \

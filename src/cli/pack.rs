@@ -7,7 +7,9 @@ use anyhow::{Result, bail};
 use clap::Args;
 use std::path::PathBuf;
 
-/// Packs a dataset into WebDataset tar shards; finished shards stay. With --verify, compares shards with their manifest.
+/// Turn a dataset into WebDataset tar shards, or verify such shards
+///
+/// Finished shards stay. With --verify, shards are compared with their manifest.
 #[derive(Args)]
 #[command(
     after_help = "Example: renderflow dataset pack data -o shards --profile compact\n         renderflow dataset pack --verify shards\n\

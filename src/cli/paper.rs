@@ -6,10 +6,12 @@ use anyhow::{Result, ensure};
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
-/// Runs the paper's experiments on data of this program: it renders the data, trains the paper's network in all the forms that
-/// the tables compare, evaluates them beside our own network, deferred shading and path tracing, and writes each table beside the
-/// paper's numbers. If it was stopped, the same command continues; what is finished is not made again, unless the weights, the
-/// metrics or, for seconds, the machine are others.
+/// Run the paper's experiments on data of this program, table by table
+///
+/// The command renders the data, trains the paper's network in all the forms that the tables compare, evaluates them beside our
+/// own network, deferred shading and path tracing, and writes each table beside the paper's numbers. If it was stopped, the same
+/// command continues; what is finished is not made again, unless the weights, the metrics or, for seconds, the machine are
+/// others.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:

@@ -9,8 +9,10 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::time::Instant;
 
-/// Tests the numerics of the path tracer: samplers, filters, film, materials, lights, geometry, determinism, and scenes whose
-/// picture is known in closed form. Prints a table and writes JSON; fails if any claim fails. If it was stopped, the same command
+/// Test the numerics of the path tracer
+///
+/// The checks are of samplers, filters, film, materials, lights, geometry, determinism, and scenes whose picture is known in
+/// closed form. The command prints a table, writes JSON, and fails if any claim fails. If it was stopped, the same command
 /// continues.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow stress --quick\n  renderflow stress --only film --again -o film.json")]

@@ -18,8 +18,8 @@ pub enum TestsetCommand {
 #[derive(Args)]
 #[command(after_help = "Examples:\n  renderflow testset make synthetic -o sets\n  \
 renderflow testset make assets --models models/ --hdris hdris/ -o sets\n\
-The synthetic set takes 4 GB and, on 4 cores, about an hour; with --every 10 about three tenths of both. After a termination signal, the current frame is finished (exit code 75); the\n\
-same command goes on.")]
+The synthetic set takes 4 GB and, on 4 cores, about an hour; with --every 10 about three tenths of both.\n\
+After a termination signal, the current frame is finished (exit code 75); the same command goes on.")]
 pub struct Make {
     /// The set
     set: TestSet,

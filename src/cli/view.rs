@@ -20,7 +20,7 @@ Examples:
 The page shows two methods beside each other, each with its seconds and, once the path tracer has 256 samples, its PSNR against
 them. Drag to orbit, with shift to pan; the wheel zooms; a double click opens the material under the pointer.";
 
-/// Look at a scene in the browser: orbit, change materials and light, compare methods.
+/// Look at a scene in the browser: orbit, change materials and light, compare methods
 ///
 /// The page is served on this computer alone, at an address with a secret token. Ctrl-C ends the program.
 #[derive(Args)]

@@ -13,8 +13,9 @@ use renderflow_model::weights;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Prints the configuration and the training record of a weights file. Also lists the content of any weights file, and converts
-/// published ones.
+/// Describe weights files, list their tensors, or convert them
+///
+/// Without a subcommand, the configuration and the training record of a weights file are printed.
 #[derive(Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -33,15 +34,14 @@ pub struct Weights {
 
 #[derive(Subcommand)]
 enum Command {
-    /// List the tensors of weights files: name, shape, number format, parameters, totals for each part, and the network
     Inspect(Inspect),
-    /// Write a Wan or VACE network as one safetensors file, in either layout and any precision
     Convert(Convert),
-    /// Average the weights of several runs of the network that reads samples
     Average(Average),
 }
 
-/// Lists the content of weights files: safetensors, the index of a set of shards, PyTorch files, or a folder with one of these.
+/// List the tensors of weights files: name, shape, number format, parameters, totals for each part, and the network
+///
+/// A weights file is a safetensors file, the index of a set of shards, a PyTorch file, or a folder with one of these.
 #[derive(Args)]
 #[command(
     after_help = "Example: renderflow weights inspect Wan2.1_VAE.pth transformer/\n\nThe network is recognised by what this \
@@ -56,9 +56,11 @@ struct Inspect {
     json: bool,
 }
 
-/// Converts weights between the original and the diffusers layout, between number formats, and from PyTorch files and shards to
-/// one safetensors file. Configuration and provenance stay. A file with a missing tensor, an extra one, or one of another shape
-/// is refused.
+/// Write a network as one safetensors file, in another layout or precision
+///
+/// Networks of Wan and VACE are converted between the original and the diffusers layout, and from PyTorch files and shards.
+/// Configuration and provenance stay. A file with a missing tensor, an extra one, or one of another shape is refused. The
+/// networks inside the program have one layout, and are stored in f16 or f32.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  renderflow weights convert Wan2.1_VAE.pth vae.safetensors\n  renderflow weights convert transformer/ \
@@ -80,8 +82,10 @@ struct Convert {
     overwrite: bool,
 }
 
-/// Writes the mean of the weights of runs that began with the same weights. Such a mean often keeps what each of the runs has
-/// learned (Wortsman et al. 2022, "Model soups").
+/// Average the weights of several runs of the network that reads samples
+///
+/// The runs should have begun with the same weights. The mean of their weights then often keeps what each of the runs has learned
+/// (Wortsman et al. 2022, "Model soups").
 #[derive(Args)]
 #[command(
     after_help = "Example: renderflow weights average runs/a/weights.safetensors runs/b/weights.safetensors -o mean.safetensors"
