@@ -21,8 +21,8 @@ use std::path::PathBuf;
 
 /// Measure what an autoencoder of the paper's network loses, by kind of picture and by frame of a clip
 ///
-/// The command encodes and decodes pictures, measures their PSNR, writes autoencoder.json, which names the weights and the data, and
-/// prints tables.
+/// The command encodes and decodes pictures, measures their PSNR, writes autoencoder.json, which names the weights and the data,
+/// and prints tables.
 #[derive(Args)]
 #[command(
     after_help = "Example: renderflow evaluate autoencoder --vae runs/vae/weights.safetensors --data sets -o results-autoencoder"
