@@ -141,7 +141,7 @@ def test_wrong_arguments_are_named(scene, tmp_path):
         rf.ssim(np.zeros((16, 16, 3)), np.zeros((16, 17, 3)))
     # A crop beside the picture is equal to everything.
     for metric in (rf.psnr, rf.ssim, rf.flip):
-        with pytest.raises(ValueError, match="pictures with pixels are needed, not 16 x 0"):
+        with pytest.raises(ValueError, match="pictures with pixels|picture without pixels"):
             metric(np.zeros((0, 16, 3)), np.zeros((0, 16, 3)))
 
 

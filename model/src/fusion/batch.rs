@@ -1,5 +1,5 @@
 //! Batches: random crops of records, random subsets of their inputs, and augmentations that change the truth exactly as the
-//! inputs (mirroring, exchanged primaries, exposure, coloured light).
+//! inputs (mirroring, turns, exchanged primaries, exposure, coloured light).
 
 use super::graph::MULTIPLE;
 use super::head::Picture;
@@ -87,6 +87,10 @@ pub const BEFORE: usize = NEIGHBOURS / 2;
 pub struct Augmentation {
     /// Whether left and right are swapped.
     pub mirror: bool,
+    /// Whether top and bottom are swapped.
+    pub flip: bool,
+    /// Whether columns become rows, after the other two. The crop must be a square.
+    pub transpose: bool,
     /// The primary that each colour channel takes. Light of one primary never becomes light of another, so any choice is the
     /// picture of a scene.
     pub primaries: [usize; 3],
@@ -96,11 +100,11 @@ pub struct Augmentation {
 
 impl Augmentation {
     /// No change.
-    pub const NONE: Self = Self { mirror: false, primaries: [0, 1, 2], gains: [1.0; 3] };
+    pub const NONE: Self = Self { mirror: false, flip: false, transpose: false, primaries: [0, 1, 2], gains: [1.0; 3] };
 
     fn draw(rng: &mut Pcg64Mcg) -> Self {
         const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
-        let mirror = rng.random_bool(0.5);
+        let [mirror, flip, transpose] = [(); 3].map(|()| rng.random_bool(0.5));
         let primaries = if rng.random_bool(REPEATED) {
             [(); 3].map(|()| rng.random_range(0..3))
         } else {
@@ -108,13 +112,28 @@ impl Augmentation {
         };
         let exposure = rng.random_range(-STOPS..STOPS);
         let gains = [(); 3].map(|()| (exposure + rng.random_range(-TINGE..TINGE)).exp2());
-        Self { mirror, primaries, gains }
+        Self { mirror, flip, transpose, primaries, gains }
     }
 
-    /// Changes the numbers of one pixel. Mirroring also moves the pixel, which [`Batch::of`] does.
+    /// The column and the row from which the pixel at the given ones comes.
+    fn source(&self, (column, row): (usize, usize), (width, height): (usize, usize)) -> (usize, usize) {
+        debug_assert!(!self.transpose || width == height);
+        let (across, down) = if self.transpose { (row, column) } else { (column, row) };
+        (if self.mirror { width - 1 - across } else { across }, if self.flip { height - 1 - down } else { down })
+    }
+
+    /// Changes the numbers of one pixel. What moves the pixel besides is left to [`Batch::of`].
     pub fn apply(&self, stored: &mut [f32]) {
         if self.mirror {
             stored[at::NORMAL] = -stored[at::NORMAL];
+        }
+        if self.flip {
+            stored[at::NORMAL + 1] = -stored[at::NORMAL + 1];
+        }
+        if self.transpose {
+            // Rows run downwards, and the second axis of normals upwards.
+            let [x, y] = [stored[at::NORMAL], stored[at::NORMAL + 1]];
+            (stored[at::NORMAL], stored[at::NORMAL + 1]) = (-y, -x);
         }
         let mut turn = |from: usize, gains: [f32; 3]| {
             let before = [stored[from], stored[from + 1], stored[from + 2]];
@@ -243,8 +262,8 @@ impl Batch {
             let changed = *augmentation != Augmentation::NONE;
             for i in 0..2 * width {
                 let (column, row) = (i % width, i / width);
-                let source = x + if augmentation.mirror { width - 1 - column } else { column };
-                let (source, line) = (source.min(record.width - 1), (y + 2 * pair + row).min(record.height - 1));
+                let (across, down) = augmentation.source((column, 2 * pair + row), (width, height));
+                let (source, line) = ((x + across).min(record.width - 1), (y + down).min(record.height - 1));
                 T::read(&record.pixels[(line * record.width + source) * at::COUNT..][..at::COUNT], &mut stored);
                 if changed {
                     augmentation.apply(&mut stored);
@@ -367,7 +386,8 @@ mod tests {
     fn augmentations_are_exact() {
         let record = record(16, 16, 3);
         let window = Window { x: 0, y: 0, width: 16, height: 16 };
-        let augmentation = Augmentation { mirror: true, primaries: [2, 0, 0], gains: [0.5, 2.0, 4.0] };
+        let changes = Augmentation { primaries: [2, 0, 0], gains: [0.5, 2.0, 4.0], ..Augmentation::NONE };
+        let augmentation = Augmentation { mirror: true, ..changes };
         let selection = Selection::all(&record);
         let (plain, changed) =
             (Batch::of(&record, window, &selection, &Augmentation::NONE), Batch::of(&record, window, &selection, &augmentation));
@@ -387,6 +407,39 @@ mod tests {
                 assert_eq!(changed.truth[i][c], gain * plain.truth[mirrored][from]);
             }
         }
+    }
+
+    /// Normals turn with the picture: surfaces that face away from its middle still do.
+    #[test]
+    fn normals_turn_with_the_picture() {
+        let mut record = record(16, 16, 3);
+        // Each pixel faces away from the middle. Rows run downwards, and the second axis of normals upwards.
+        for (i, stored) in record.pixels.chunks_exact_mut(at::COUNT).enumerate() {
+            let [right, down] = [i % 16, i / 16].map(|at| (2.0 * at as f32 - 15.0) / 32.0);
+            stored[at::NORMAL..at::NORMAL + 3].copy_from_slice(&[right, -down, 0.5]);
+            stored[at::ALPHA] = 1.0;
+        }
+        let groups = Groups::default();
+        let selection = Selection { groups, ..Selection::all(&record) };
+        let window = Window { x: 0, y: 0, width: 16, height: 16 };
+        let normals = |augmentation: &Augmentation| {
+            let batch = Batch::of(&record, window, &selection, augmentation);
+            let channels = groups.channels();
+            let pixel = move |i: usize| {
+                let (column, row) = (i % 16, i / 16);
+                4 * channels * (row / 2 * 8 + column / 2) + channels * (row % 2 * 2 + column % 2)
+            };
+            (0..256).map(|i| batch.input[pixel(i) + at::NORMAL..][..3].to_vec()).collect::<Vec<_>>()
+        };
+        let plain = normals(&Augmentation::NONE);
+        for bits in 0..8 {
+            let [mirror, flip, transpose] = [0, 1, 2].map(|bit| bits >> bit & 1 == 1);
+            assert_eq!(normals(&Augmentation { mirror, flip, transpose, ..Augmentation::NONE }), plain, "{bits}");
+        }
+        // The pixels themselves move.
+        let turned = Augmentation { mirror: true, transpose: true, ..Augmentation::NONE };
+        let truth = |augmentation: &Augmentation| Batch::of(&record, window, &selection, augmentation).truth;
+        assert_eq!(truth(&turned)[3 * 16 + 5], truth(&Augmentation::NONE)[5 * 16 + 12]);
     }
 
     #[test]
