@@ -24,6 +24,12 @@ def _place(path: Path) -> tuple[Path, int, str]:
     return path.parent, int(match[1]) if match else 0, path.name
 
 
+def _is_aside(path: Path, root: Path) -> bool:
+    """Whether a dataset in ``root`` or below it has put a file aside: into its folder ``aside``, which lies beside its plan."""
+    above = (root / part for part in path.relative_to(root).parents if part.name == "aside")
+    return any(folder.with_name("plan.json").exists() for folder in above)
+
+
 class Dataset(Sequence[Frame]):
     """The frames of a dataset, in order of their sequences. ``folder`` is a dataset, one split of it, or one sequence.
 
@@ -37,9 +43,8 @@ class Dataset(Sequence[Frame]):
         if not root.is_dir():
             raise FileNotFoundError(f"{root}: there is no such folder")
         self.layers = None if layers is None else tuple(layers)
-        aside = root / "aside" if (root / "plan.json").exists() else None
         found = (path for path in root.rglob("frame.*") if _FRAME.fullmatch(path.name))
-        self.paths = sorted((path for path in found if aside not in path.parents), key=_place)
+        self.paths = sorted((path for path in found if not _is_aside(path, root)), key=_place)
         if not self.paths:
             raise ValueError(f"{root}: holds no frames")
 

@@ -89,7 +89,7 @@ pub struct Augmentation {
     pub mirror: bool,
     /// Whether top and bottom are swapped.
     pub flip: bool,
-    /// Whether columns become rows, after the other two. The crop must be a square.
+    /// Whether columns become rows, after the other two. The window must be a square.
     pub transpose: bool,
     /// The primary that each colour channel takes. Light of one primary never becomes light of another, so any choice is the
     /// picture of a scene.
@@ -122,7 +122,7 @@ impl Augmentation {
         (if self.mirror { width - 1 - across } else { across }, if self.flip { height - 1 - down } else { down })
     }
 
-    /// Changes the numbers of one pixel. What moves the pixel besides is left to [`Batch::of`].
+    /// Changes the numbers of one pixel. [`Batch::of`] moves the pixel.
     pub fn apply(&self, stored: &mut [f32]) {
         if self.mirror {
             stored[at::NORMAL] = -stored[at::NORMAL];
