@@ -448,3 +448,18 @@ fn one_process_at_a_time_renders_into_a_folder() {
     succeed(&words);
     succeed(&words);
 }
+
+/// Files have the permissions that the user's umask leaves, as those of any other program.
+#[cfg(unix)]
+#[test]
+fn files_follow_the_umask() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = Folder::new();
+    for (umask, mode) in [("077", 0o600), ("022", 0o644), ("002", 0o664)] {
+        let plan = folder.at(&format!("{umask}.toml"));
+        let script = format!("umask {umask}; exec \"$0\" dataset plan --seed 1 --sequences 1 -o \"$1\"");
+        let output = Command::new("sh").args(["-c", &script, PROGRAM, &plan]).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        assert_eq!(std::fs::metadata(&plan).unwrap().permissions().mode() & 0o777, mode, "{umask}");
+    }
+}

@@ -49,6 +49,20 @@ fn sequences_are_bare_or_full_small_or_large_and_may_be_passed_over() {
     let same: Vec<bool> = keyed.iter().zip(&records(1, 1.0, 0)).map(|(keyed, bare)| truth(keyed) == truth(bare)).collect();
     assert_eq!(same, [false, false, true]);
 
+    // A single one has samples of its own frames alone, and its keyframes are left out. Nothing else about its frames changes.
+    let single = Recipe { single: 1.0, ..quick.clone() };
+    let single = Planned::new(&plan, [0, 3], single, &cancel).records(1).unwrap();
+    let found = groups(&single);
+    assert_eq!(found.len(), 1);
+    assert!(found[0].samples && !found[0].keys && !found[0].neighbours, "{found:?}");
+    let whole = &records(1, 0.0, 0)[2];
+    assert_eq!(single[0].denoised[..AROUND], whole.denoised[..AROUND]);
+    for (single, whole) in single[0].pixels.chunks_exact(at::COUNT).zip(whole.pixels.chunks_exact(at::COUNT)) {
+        for same in [0..at::KEYS, at::SAMPLES..at::NEARBY, at::DENOISED..at::DENOISED + 3 * AROUND, at::TRUTH..at::COUNT] {
+            assert_eq!(single[same.clone()], whole[same]);
+        }
+    }
+
     // Some of many sequences are bare, the same ones each time.
     let kinds = || (0..8).map(|i| groups(&records(i, 0.5, 0))[2].samples).collect::<Vec<_>>();
     let found = kinds();

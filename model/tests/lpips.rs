@@ -1,8 +1,12 @@
 //! LPIPS against the `lpips` package's own numbers (the fixtures' reference.json), and what happens with bad input.
 mod common;
 
+use burn::tensor::Device;
 use renderflow_frame::image::Rgb;
 use renderflow_model::Error;
+use renderflow_model::fusion::batch::Batch;
+use renderflow_model::fusion::loss::perceptual;
+use renderflow_model::fusion::record::PixelInputs;
 use renderflow_model::lpips::{Backbone, Lpips, weights_folder};
 use std::path::{Path, PathBuf};
 
@@ -140,7 +144,7 @@ fn lpips_names_the_tensor_that_is_wrong() {
 
 #[test]
 fn the_loss_is_the_mean_distance_and_has_a_gradient() {
-    use burn::tensor::{Device, Tensor, TensorData};
+    use burn::tensor::{Tensor, TensorData};
     use renderflow_model::parameters::to_vec;
 
     let Some(weights) = weights() else { return };
@@ -182,4 +186,33 @@ fn the_loss_is_the_mean_distance_and_has_a_gradient() {
         let small = Tensor::<4>::zeros([1, 3, 8, 64], &device);
         assert!(lpips.loss(small.clone(), small).is_err());
     }
+}
+
+/// The loss of a batch of crops, of which the right half of the second shows no surface.
+#[test]
+fn the_derivative_of_a_batch_agrees_with_differences_where_surfaces_are_seen() {
+    let Some(weights) = weights() else { return };
+    let device = Device::flex().autodiff();
+    let lpips = Lpips::for_loss(Some(&weights), &device).expect("weights");
+    let (items, side) = (2, 32);
+    let picture = |phase: f32| waves(side, items * side, phase).pixels.into_iter().map(|rgb| rgb.map(|v| 0.05 + 0.8 * v));
+    let (drawn, truth): (Vec<_>, Vec<_>) = (picture(0.0).collect(), picture(0.7).collect());
+    let seen = |i: usize| i < side * side || i % side < side / 2;
+    let alpha = |i: usize| if seen(i) { 1.0 } else { 0.0 };
+    let pixels = (0..items * side * side).map(|i| PixelInputs { alpha: alpha(i), ..PixelInputs::default() }).collect();
+    let batch = Batch { items, width: side, height: side, pixels, truth, ..Batch::default() };
+    let (value, slopes) = perceptual(&lpips, &batch, &drawn, &device).expect("a loss");
+    assert!((0.01..1.0).contains(&value), "{value}");
+    assert!(slopes.iter().enumerate().all(|(i, slope)| seen(i) || *slope == [0.0; 3]));
+    let length = slopes.iter().flatten().map(|v| f64::from(v * v)).sum::<f64>().sqrt();
+    let moved = |by: f64| {
+        let along = drawn.iter().zip(&slopes);
+        let moved: Vec<[f32; 3]> = along.map(|(at, slope)| [0, 1, 2].map(|c| at[c] + (by / length) as f32 * slope[c])).collect();
+        f64::from(perceptual(&lpips, &batch, &moved, &device).expect("a loss").0)
+    };
+    let difference = (moved(0.02) - moved(-0.02)) / 0.04;
+    assert!((difference / length - 1.0).abs() < 0.05, "slope {length}, by differences {difference}");
+    // Small crops cannot be compared.
+    let small = Batch { items: 1, width: 16, height: 16, truth: vec![[0.5; 3]; 256], ..batch.clone() };
+    assert!(perceptual(&lpips, &small, &vec![[0.5; 3]; 256], &device).is_err());
 }

@@ -268,7 +268,8 @@ impl Network {
     /// The loss of a batch and its gradients by name, as a training step of this program computes them in single precision.
     fn gradients<'py>(&self, py: Python<'py>, batch: &Batch, weights: [f32; 4]) -> PyResult<(f32, Bound<'py, PyDict>)> {
         let [psnr, display, log, gradient] = weights;
-        let objective = FusionObjective { loss: LossWeights { psnr, display, log, gradient }, products: Products::F32 };
+        let loss = LossWeights { psnr, display, log, gradient, lpips: 0.0 };
+        let objective = FusionObjective { loss, lpips: None, products: Products::F32 };
         let (loss, gradients) = work::run(py, |_| {
             let step = gradients(&self.network, batch.crops.clone(), objective)?;
             Ok((step.total, parameters::read_gradients(step.gradients)?))

@@ -64,6 +64,10 @@ pub struct Recipe {
     pub bare: f64,
     /// Share of the bare sequences, 0..=1, that have keyframes after all.
     pub keyed: f64,
+    /// Share of the sequences that are not bare, 0..=1, whose frames have samples of their own alone, without keyframes and without
+    /// frames around. They take less than half the time of the others, so that a network sees more scenes.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub single: f64,
     /// Samples for each pixel of the truth of a bare sequence.
     pub bare_spp: u32,
     /// The same for its keyframes, if it has any. Their noise is carried to the other frames. A network that learns from noisy
@@ -95,6 +99,7 @@ impl Default for Recipe {
             fast: 0.4,
             bare: 0.0,
             keyed: 0.0,
+            single: 0.0,
             bare_spp: 16,
             key_spp: 64,
             small: 0.0,
@@ -106,9 +111,9 @@ impl Default for Recipe {
     }
 }
 
-/// Recipes from before other lights keep their names.
-fn is_zero(relit: &u32) -> bool {
-    *relit == 0
+/// Recipes from before an option keep their names as long as it is not used.
+fn is_zero<T: Default + PartialEq>(option: &T) -> bool {
+    *option == T::default()
 }
 
 impl Recipe {
@@ -164,6 +169,15 @@ struct Maker<'a> {
 struct SelectedFrames {
     keys: [usize; 2],
     between: Vec<usize>,
+}
+
+/// What the frames of a sequence have.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Kind {
+    /// Samples and denoised pictures.
+    samples: bool,
+    /// Keyframes; with samples, also those of the frames around.
+    keys: bool,
 }
 
 impl<'a> Planned<'a> {
@@ -312,14 +326,18 @@ impl<'a> Maker<'a> {
         seed.child("bare", 0).rng().random_bool(self.recipe.bare)
     }
 
-    /// Whether a bare sequence of a seed has keyframes.
-    fn keyed(&self, seed: Seed) -> bool {
-        seed.child("keyed", 0).rng().random_bool(self.recipe.keyed)
+    /// What the frames of the sequence of a seed have.
+    fn kind(&self, seed: Seed) -> Kind {
+        let draw = |name: &str, share: f64| seed.child(name, 0).rng().random_bool(share);
+        if self.bare(seed) {
+            return Kind { samples: false, keys: draw("keyed", self.recipe.keyed) };
+        }
+        Kind { samples: true, keys: !draw("single", self.recipe.single) }
     }
 
-    /// Makes the frames `selected` of a scene: its two keyframes without samples, then the frames between them with everything,
-    /// or without samples and denoised pictures if the sequence is bare. `truth` gives the truth of a frame, at which the scene
-    /// stands.
+    /// Makes the frames `selected` of a scene: its two keyframes without samples, then the frames between them with what the kind
+    /// of the sequence has. Keyframes are left out where they serve nothing: no other frame reads them, and what reads no samples
+    /// learns from bare sequences. `truth` gives the truth of a frame, at which the scene stands.
     fn records(
         &self,
         loaded: &LoadedScene,
@@ -334,8 +352,7 @@ impl<'a> Maker<'a> {
         let tracks = super::job::tracks(loaded, &numbers);
 
         let mut scene = RenderScene::compile(loaded)?;
-        let bare = self.bare(seed);
-        let keyed = !bare || self.keyed(seed);
+        let kind = self.kind(seed);
         let lights = self.lights(&scene, seed);
         let Lit { exposure, .. } = lights[0];
         let light = Arc::clone(scene.light());
@@ -347,7 +364,8 @@ impl<'a> Maker<'a> {
         let mut carried: Vec<Vec<Keyframe>> = lights.iter().map(|_| Vec::new()).collect();
         // G-buffers and the first part of the samples share camera rays, as in rendering. Those of the truth are others.
         let (apart, truthful) = (loaded.seed.wrapping_add(1), loaded.seed);
-        for &number in keys {
+        let needed = kind.keys || !kind.samples;
+        for &number in keys.iter().filter(|_| needed) {
             scene.set_frame(number);
             scene.reseed(apart);
             let gbuffer = render_gbuffer(&scene, &settings)?;
@@ -357,7 +375,7 @@ impl<'a> Maker<'a> {
                 let shaded = deferred_picture(&scene, &gbuffer, lit, &mut tiles);
                 let truth = self.truth_under(lit, &truth)?;
                 records.push(shaded_record(&gbuffer, shaded.as_ref(), &truth, lit));
-                let start = keyed.then(|| ibl::shade(&gbuffer, &lit.light).image);
+                let start = kind.keys.then(|| ibl::shade(&gbuffer, &lit.light).image);
                 carried.push(Keyframe { frame: gbuffer.clone(), truth, start });
             }
         }
@@ -370,20 +388,22 @@ impl<'a> Maker<'a> {
             for ((lit, records), carried) in lights.iter().zip(&mut records).zip(&carried) {
                 let shaded = deferred_picture(&scene, &gbuffer, lit, &mut tiles);
                 let mut record = shaded_record(&gbuffer, shaded.as_ref(), &self.truth_under(lit, &truth)?, lit);
-                if keyed {
+                if kind.keys || kind.samples {
                     let alone = ibl::shade(&gbuffer, &lit.light);
                     let seen = |k: usize| {
                         let distance = keys[k] as f32 - number as f32;
                         carried.get(k).map(|key| Neighbour { key, distance, movement: tracks.between(number, keys[k]) })
                     };
-                    record.add_keys([0, 1].map(seen), &gbuffer, &alone.image, lit.exposure);
-                    if !bare {
+                    if kind.keys {
+                        record.add_keys([0, 1].map(seen), &gbuffer, &alone.image, lit.exposure);
+                    }
+                    if kind.samples {
                         record.add_environment(&alone, lit.exposure);
                     }
                 }
                 records.push(record);
             }
-            if bare {
+            if !kind.samples {
                 continue;
             }
             let record = records[0].last_mut().context("the record of the frame")?;
@@ -406,7 +426,8 @@ impl<'a> Maker<'a> {
                 let traced = trace(&mut scene, 0, true)?;
                 Ok((other, surface(&traced), Traced::of(traced, exposure)?))
             };
-            let near = Neighbours::Around.of(REACH, number, frames).iter().map(near).collect::<Result<Vec<_>>>()?;
+            let around = if kind.keys { Neighbours::Around.of(REACH, number, frames) } else { Vec::new() };
+            let near = around.iter().map(near).collect::<Result<Vec<_>>>()?;
             let current = surface(&gbuffer);
             let others: Vec<(usize, Carried)> = near
                 .iter()
@@ -448,10 +469,11 @@ impl<'a> Maker<'a> {
 
     /// The truth of the frame at which `scene` stands, in a sequence of `seed`. `key` says whether it is a keyframe.
     fn truth(&self, scene: &RenderScene, seed: Seed, key: bool) -> Result<Truth> {
-        let spp = match self.bare(seed) {
-            false => self.recipe.truth_spp,
-            true if key && self.keyed(seed) => self.recipe.key_spp,
-            true => self.recipe.bare_spp,
+        let kind = self.kind(seed);
+        let spp = match kind.samples {
+            true => self.recipe.truth_spp,
+            false if key && kind.keys => self.recipe.key_spp,
+            false => self.recipe.bare_spp,
         };
         let groups = self.groups(seed);
         let mut traced = render(scene, &self.tracing(spp, false, groups), &|_, _| (), self.cancel)?;

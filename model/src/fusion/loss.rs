@@ -1,8 +1,13 @@
-//! The loss of one picture and its derivative: the error that PSNR measures, and two terms for dark and bright parts and for
-//! edges.
+//! The loss of one picture and its derivative: the error that PSNR measures, two terms for dark and bright parts and for edges,
+//! and LPIPS of a whole batch.
 
+use super::batch::Batch;
 use super::record::PixelInputs;
 use crate::bridge::{log_curves, srgb_slope};
+use crate::lpips::Lpips;
+use crate::parameters::read;
+use crate::{Error, Result};
+use burn::tensor::{Device, Tensor, TensorData};
 use renderflow_frame::color::linear_to_srgb;
 use serde::{Deserialize, Serialize};
 
@@ -19,11 +24,41 @@ pub struct LossWeights {
     pub log: f32,
     /// Absolute error of the display picture's differences between neighbours.
     pub gradient: f32,
+    /// LPIPS of the display picture, with SqueezeNet ([`perceptual`]).
+    #[serde(skip_serializing_if = "is_zero")]
+    pub lpips: f32,
+}
+
+/// Configurations from before LPIPS stay as they are.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(weight: &f32) -> bool {
+    *weight == 0.0
 }
 
 impl Default for LossWeights {
     fn default() -> Self {
-        Self { psnr: 0.01, display: 0.0, log: 0.1, gradient: 0.05 }
+        Self { psnr: 0.01, display: 0.0, log: 0.1, gradient: 0.05, lpips: 0.0 }
+    }
+}
+
+impl LossWeights {
+    /// Checks every weight.
+    ///
+    /// # Errors
+    /// [`Error::Config`] naming the first one that is not a number of at least 0.
+    pub fn validate(&self) -> Result<()> {
+        let Self { psnr, display, log, gradient, lpips } = *self;
+        let weights = [
+            ("loss.psnr", psnr),
+            ("loss.display", display),
+            ("loss.log", log),
+            ("loss.gradient", gradient),
+            ("loss.lpips", lpips),
+        ];
+        match weights.into_iter().find(|(_, weight)| !(0.0..=f32::MAX).contains(weight)) {
+            Some((name, _)) => Err(Error::config(name, "must be a number of at least 0")),
+            None => Ok(()),
+        }
     }
 }
 
@@ -53,7 +88,7 @@ fn log_slope(x: f32) -> f32 {
     8.0 / ((1.0 + 8.0 * x.max(0.0)) * 9f32.ln())
 }
 
-/// The loss of a rendered picture of `width` columns, and its derivative with respect to the rendered pixels.
+/// The loss of a rendered picture of `width` columns without LPIPS, and its derivative with respect to the rendered pixels.
 pub fn loss(
     width: usize,
     pixels: &[PixelInputs],
@@ -115,6 +150,33 @@ pub fn loss(
     (Loss { total, display: squares, log, gradient }, slopes)
 }
 
+/// Mean LPIPS of the display pictures of a batch, and its derivative with respect to `drawn`, the rendered pixels. Pixels that
+/// show no surface are left as they are, so their derivative is 0. `device` is the one of `lpips`, with automatic derivatives.
+///
+/// # Errors
+/// When the crops are smaller than LPIPS can compare, and when the device fails.
+pub fn perceptual(lpips: &Lpips, batch: &Batch, drawn: &[[f32; 3]], device: &Device) -> Result<(f32, Vec<[f32; 3]>)> {
+    let shape = [batch.items, batch.height, batch.width, 3];
+    // Channels come before rows there, and values go from -1 to 1.
+    let shown = |pixels: &[[f32; 3]]| {
+        let values: Vec<f32> = pixels.as_flattened().iter().map(|v| 2.0 * display(*v) - 1.0).collect();
+        Tensor::<4>::from_data(TensorData::new(values, shape), device)
+    };
+    let picture = shown(drawn).require_grad();
+    let channels_first = |picture: Tensor<4>| picture.permute([0, 3, 1, 2]);
+    let distance = lpips.loss(channels_first(picture.clone()), channels_first(shown(&batch.truth)))?;
+    let value = read(distance.clone().without_autodiff())?[0];
+    let gradients = distance.backward();
+    let slopes = picture.grad(&gradients).map(read).transpose()?.unwrap_or_default();
+    let mut out = vec![[0.0; 3]; drawn.len()];
+    for ((out, slopes), (drawn, pixel)) in out.iter_mut().zip(slopes.chunks_exact(3)).zip(drawn.iter().zip(&batch.pixels)) {
+        for c in (0..3).filter(|&c| pixel.alpha > 0.0 && drawn[c] > 0.0 && drawn[c] < 1.0) {
+            out[c] = 2.0 * slopes[c] * srgb_slope(drawn[c]);
+        }
+    }
+    Ok((value, out))
+}
+
 /// The sign of a number. It is 0 for 0, which is a subgradient.
 fn sign(v: f32) -> f32 {
     if v == 0.0 { 0.0 } else { v.signum() }
@@ -134,7 +196,7 @@ mod tests {
         let mut picture =
             |most: f32| -> Vec<[f32; 3]> { (0..48).map(|_| [(); 3].map(|()| rng.random_range(0.05..most))).collect() };
         let (drawn, truth) = (picture(1.4), picture(1.4));
-        let weights = LossWeights { psnr: 0.05, display: 3.0, log: 0.7, gradient: 0.2 };
+        let weights = LossWeights { psnr: 0.05, display: 3.0, log: 0.7, gradient: 0.2, lpips: 0.0 };
         let (_, slopes) = loss(8, &pixels, &drawn, &truth, weights);
         for i in 0..48 {
             for c in 0..3 {

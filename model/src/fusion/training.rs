@@ -3,10 +3,10 @@
 
 use super::batch::{self, Batch, Tier};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE};
-use super::loss::{Loss, LossWeights, display, loss};
+use super::loss::{Loss, LossWeights, display, loss, perceptual};
 use super::record::{AROUND, PARTS, Record, Selection, at};
 use super::render::{self, Fusion, Header};
-use crate::Result;
+use crate::lpips::{Backbone, Lpips};
 use crate::ops::Products;
 use crate::parameters;
 use crate::train::config::{self, Method, RunConfig, TrainingConfig, first_difference};
@@ -14,11 +14,13 @@ use crate::train::optimizer::Optimizer;
 use crate::train::runner::{self, Objective, Progress, RunContext, Runner, StepResult, Summary, Validation};
 use crate::train::sequences::Rotation;
 use crate::weights::Precision;
+use crate::{Error, Result};
 use burn::tensor::{Device, Tensor, TensorData};
 use half::f16;
 use rayon::prelude::*;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 pub use crate::train::sequences::Crop;
 
@@ -54,6 +56,9 @@ pub struct Config {
     pub products: Products,
     /// Weights of the terms of the loss.
     pub loss: LossWeights,
+    /// Folder with the weights of LPIPS, or `None` for [`crate::lpips::weights_folder`]. They are read where `loss` has LPIPS.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lpips_weights: Option<PathBuf>,
     /// Names of the [tiers](batch::TIERS) that are trained and validated; empty for all but
     /// `deferred+keys`, whose pictures no command makes.
     pub tiers: Vec<String>,
@@ -78,6 +83,7 @@ impl Default for Config {
             window: 32,
             products: Products::Bf16,
             loss: LossWeights::default(),
+            lpips_weights: None,
             tiers: Vec::new(),
         }
     }
@@ -120,6 +126,11 @@ impl Config {
         self.tiers()?;
         self.run.validate()?;
         Crop::check(&self.crops, MULTIPLE)?;
+        self.loss.validate()?;
+        let small = self.crops.iter().any(|crop| crop.size < Backbone::Squeeze.smallest_side());
+        if self.loss.lpips > 0.0 && small {
+            return Err(Error::config("crops.size", "is too small for LPIPS in the loss"));
+        }
         self.rotation().validate()
     }
 
@@ -140,14 +151,16 @@ impl Config {
 /// The loss of crops that the network renders. The network runs on tensors; what follows it, and its derivative, runs on the
 /// host.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct FusionObjective {
+pub struct FusionObjective<'a> {
     /// Weights of the terms of the loss.
     pub loss: LossWeights,
+    /// LPIPS on the device of the step. Without it, its weight does not count.
+    pub lpips: Option<&'a Lpips>,
     /// How convolutions multiply.
     pub products: Products,
 }
 
-impl Objective for FusionObjective {
+impl Objective for FusionObjective<'_> {
     type Batch = Batch;
     type Model = FusionNet;
 
@@ -157,14 +170,26 @@ impl Objective for FusionObjective {
         let fine = values(&outputs.fine)?;
         let coarse = outputs.coarse.as_ref().map(values).transpose()?.unwrap_or_default();
         let pixels = batch.width * batch.height;
-        let parts: Vec<_> = (0..batch.items)
-            .into_par_iter()
-            .map(|item| {
+        let (drawn, tapes): (Vec<_>, Vec<_>) =
+            (0..batch.items).into_par_iter().map(|item| batch.picture(item, &fine, &coarse).draw()).unzip();
+        let drawn = drawn.concat();
+        let felt = self.lpips.filter(|_| self.loss.lpips > 0.0).map(|lpips| perceptual(lpips, &batch, &drawn, device));
+        let felt = felt.transpose()?;
+        let parts: Vec<_> = tapes
+            .par_iter()
+            .enumerate()
+            .map(|(item, tape)| {
                 let picture = batch.picture(item, &fine, &coarse);
-                let (drawn, tape) = picture.draw();
-                let truth = &batch.truth[item * pixels..(item + 1) * pixels];
-                let (loss, slopes) = loss(batch.width, picture.pixels, &drawn, truth, self.loss);
-                (loss, picture.backward(&tape, &slopes))
+                let range = item * pixels..(item + 1) * pixels;
+                let (drawn, truth) = (&drawn[range.clone()], &batch.truth[range.clone()]);
+                let (loss, mut slopes) = loss(batch.width, picture.pixels, drawn, truth, self.loss);
+                if let Some((_, felt)) = &felt {
+                    // The derivative of the mean over the batch becomes one of this picture's loss, as the other terms are.
+                    let weight = self.loss.lpips * batch.items as f32;
+                    let added = slopes.as_flattened_mut().iter_mut().zip(felt[range].as_flattened());
+                    added.for_each(|(slope, felt)| *slope += weight * felt);
+                }
+                (loss, picture.backward(tape, &slopes))
             })
             .collect();
         let scale = 1.0 / batch.items as f32;
@@ -183,8 +208,8 @@ impl Objective for FusionObjective {
         }
         let mut gradients = sum.backward();
         Ok(StepResult {
-            total: mean(|loss| loss.total),
-            terms: Vec::new(),
+            total: mean(|loss| loss.total) + felt.as_ref().map_or(0.0, |(lpips, _)| self.loss.lpips * lpips),
+            terms: felt.map(|(lpips, _)| ("lpips", lpips)).into_iter().collect(),
             squares: vec![(batch.tier(), mean(|loss| loss.display))],
             items: batch.items,
             gradients: parameters::gradients_learning(model, &mut gradients),
@@ -196,7 +221,7 @@ impl Objective for FusionObjective {
 ///
 /// # Errors
 /// When the configuration of the network is invalid.
-pub fn gradients(fusion: &Fusion, batch: Batch, objective: FusionObjective) -> Result<StepResult> {
+pub fn gradients(fusion: &Fusion, batch: Batch, objective: FusionObjective<'_>) -> Result<StepResult> {
     let device = fusion.device().device().clone().autodiff();
     objective.step(&fusion.on(&device)?, batch, &device)
 }
@@ -228,6 +253,8 @@ pub fn run(
         Some(start) => start.fitted(&config.network)?.on(&device)?,
     };
     let tiers = config.tiers()?;
+    let felt = config.loss.lpips > 0.0;
+    let lpips = felt.then(|| Lpips::for_loss(config.lpips_weights.as_deref(), &device)).transpose()?;
     let runner = Runner { config, data: Some(source.identity()), context };
     std::thread::scope(|scope| {
         let batches = |first_step: u64| {
@@ -241,7 +268,8 @@ pub fn run(
             })
         };
         let save = |optimizer: &Optimizer, _: &FusionNet| save(config, optimizer, validation, context);
-        runner.run(&FusionObjective { loss: config.loss, products: config.products }, model, batches, &save)
+        let objective = FusionObjective { loss: config.loss, lpips: lpips.as_ref(), products: config.products };
+        runner.run(&objective, model, batches, &save)
     })
 }
 

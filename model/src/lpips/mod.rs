@@ -110,6 +110,16 @@ impl Lpips {
         Ok(Self { backbone, network, heads, shift, scale })
     }
 
+    /// The network for a loss, with SqueezeNet as the faster backbone, from `folder` or else from [`weights_folder`].
+    ///
+    /// # Errors
+    /// [`Error::Config`] when there is no folder, or as [`Lpips::load`].
+    pub fn for_loss(folder: Option<&Path>, device: &Device) -> Result<Self> {
+        let folder = folder.map(Path::to_path_buf).or_else(weights_folder);
+        let folder = folder.ok_or_else(|| Error::config("lpips_weights", format!("name a folder, or set {WEIGHTS_VARIABLE}")))?;
+        Self::load_on(&folder.join(Backbone::Squeeze.file_name()), Backbone::Squeeze, device)
+    }
+
     /// The network whose features are compared.
     pub fn backbone(&self) -> Backbone {
         self.backbone

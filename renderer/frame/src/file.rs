@@ -147,7 +147,12 @@ impl Draft {
         }
         let folder = folder_of(path);
         std::fs::create_dir_all(folder).map_err(Error::io(folder, "create folder"))?;
-        let named = tempfile::Builder::new().prefix(DRAFT[0]).suffix(DRAFT[1]).tempfile_in(folder);
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(DRAFT[0]).suffix(DRAFT[1]);
+        // As any new file: the process's umask takes away what others must not do. Temporary files are for their owner alone.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let named = builder.tempfile_in(folder);
         let (file, temporary) = named.map_err(Error::io(path, "write"))?.into_parts();
         Ok(Self { path: path.into(), temporary, file: Some(file) })
     }
@@ -163,14 +168,7 @@ impl Draft {
     /// [`Error::Io`] naming the destination, for instance on a full disk.
     pub fn close(&mut self) -> Result<()> {
         let Some(file) = self.file.take() else { return Ok(()) };
-        file.sync_all().map_err(Error::io(&self.path, "write"))?;
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            let readable = std::fs::Permissions::from_mode(0o644);
-            file.set_permissions(readable).map_err(Error::io(&self.path, "write"))?;
-        }
-        Ok(())
+        file.sync_all().map_err(Error::io(&self.path, "write"))
     }
 
     /// Moves the file to its destination and replaces the file that is there.

@@ -10,11 +10,13 @@ use crate::util::picture;
 use anyhow::{Result, ensure};
 use half::f16;
 use renderflow_frame::image::Rgb;
+use renderflow_model::device::NetworkDevice;
 use renderflow_model::fusion::batch::Tier;
 use renderflow_model::fusion::loss::display;
 use renderflow_model::fusion::record::{PARTS, at};
 use renderflow_model::fusion::training::{self, Config, Source, variants};
 use renderflow_model::fusion::{Fusion, Record};
+use renderflow_model::lpips::Lpips;
 use renderflow_model::train::runner::RunContext;
 use renderflow_model::train::sequences::Crop;
 use std::path::Path;
@@ -42,6 +44,7 @@ impl Learns for Config {
             // Samples are rendered only where a tier that is trained reads them.
             bare: if reads(|tier| tier.groups.samples) { 0.0 } else { 1.0 },
             keyed: if reads(|tier| tier.groups.keys) { 1.0 } else { 0.0 },
+            single: 0.0,
             bare_spp: truth_spp,
             key_spp: truth_spp,
             small: 0.0,
@@ -64,6 +67,10 @@ impl Learns for Config {
         self.validate()?;
         let reads = self.tiers()?.iter().any(|tier| tier.groups.deferred);
         ensure!(recipe.deferred || !reads, "recipe.deferred: a tier that is trained reads deferred shading");
+        // Weights that are missing are reported before anything is rendered.
+        if self.loss.lpips > 0.0 {
+            Lpips::for_loss(self.lpips_weights.as_deref(), NetworkDevice::cpu().device())?;
+        }
         Ok(())
     }
 

@@ -78,7 +78,13 @@ impl Train {
         }
         let recipe = &options.recipe;
         options.training.check(recipe)?;
-        let shares = [("fast", recipe.fast), ("bare", recipe.bare), ("keyed", recipe.keyed), ("small", recipe.small)];
+        let shares = [
+            ("fast", recipe.fast),
+            ("bare", recipe.bare),
+            ("keyed", recipe.keyed),
+            ("single", recipe.single),
+            ("small", recipe.small),
+        ];
         for (name, share) in shares {
             ensure!((0.0..=1.0).contains(&share), "recipe.{name}: {share} is outside 0..=1");
         }

@@ -30,7 +30,7 @@ use super::pictures::{BridgeStart, Kind};
 use super::vae::Vae;
 use super::weights::{self, Header, Network, Provenance, Source};
 use crate::data::{Clip, ClipSource, step_rng};
-use crate::lpips::{Backbone, Lpips, WEIGHTS_VARIABLE, weights_folder};
+use crate::lpips::Lpips;
 use crate::parameters;
 use crate::train::optimizer::Optimizer;
 use crate::train::pool::{Make, Pool, PoolSettings, Stored};
@@ -277,15 +277,9 @@ impl Run<'_> {
         Provenance { seed: Some(self.config.run.seed), program: env!("CARGO_PKG_VERSION").into(), ..Provenance::default() }
     }
 
-    /// LPIPS if its weight is above 0, with SqueezeNet as the faster backbone.
+    /// LPIPS if its weight is above 0.
     fn lpips(&self, weight: f32) -> Result<Option<Lpips>> {
-        if weight <= 0.0 {
-            return Ok(None);
-        }
-        let folder = self.config.lpips_weights.clone().or_else(weights_folder);
-        let folder = folder.ok_or_else(|| Error::config("lpips_weights", format!("name a folder, or set {WEIGHTS_VARIABLE}")))?;
-        let path = folder.join(Backbone::Squeeze.file_name());
-        Lpips::load_on(&path, Backbone::Squeeze, &self.device).map(Some)
+        (weight > 0.0).then(|| Lpips::for_loss(self.config.lpips_weights.as_deref(), &self.device)).transpose()
     }
 
     fn check_batches(&self, multiple: usize, vae: &VaeConfig) -> Result<()> {
