@@ -54,6 +54,15 @@ impl Budget {
         self.images.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push((bytes, name.to_owned()));
     }
 
+    /// Counts a texture that is made of others.
+    ///
+    /// # Errors
+    /// When it does not fit, in words.
+    pub(crate) fn take(&self, name: &str, bytes: u64) -> Result<(), String> {
+        self.count(name, bytes);
+        self.check()
+    }
+
     /// Whether all images counted so far fit; the error names the largest, in words.
     fn check(&self) -> Result<(), String> {
         let mut images = self.images.lock().unwrap_or_else(std::sync::PoisonError::into_inner).clone();

@@ -216,8 +216,8 @@ pub(crate) struct Extent {
 
 /// The room that a model file takes up.
 pub(crate) fn extent(path: &Path, reach: &Reach) -> Result<Extent> {
-    bounds(path, reach, None)?;
-    let model = read(path, reach, None, false)?;
+    // What is left out of the model is not rendered either, and may name vertices that do not exist.
+    let (model, _) = bounds(path, reach, None)?;
     let corners = || {
         model.parts.iter().flat_map(|part| {
             let mesh = &model.meshes[part.mesh];
@@ -314,5 +314,28 @@ fn nothing_to_render(model: &Model, dropped: TriangleReport) -> String {
     match dropped.dropped() {
         1 => format!("the model's only triangle cannot be rendered: {causes}"),
         count => format!("none of the model's {count} triangles can be rendered: {causes}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A face that names a vertex which does not exist is left out, here as in rendering.
+    #[test]
+    fn the_extent_leaves_out_what_is_not_rendered() {
+        let folder = tempfile::tempdir().unwrap();
+        let header = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n";
+        let vertices = "0 0 0\n2 0 0\n0 3 0\n50 60 70\n";
+        let extent_of = |faces: &str, count: usize| {
+            let path = folder.path().join("model.ply");
+            let faces = format!("element face {count}\nproperty list uchar int vertex_indices\nend_header\n{vertices}{faces}");
+            std::fs::write(&path, format!("{header}{faces}")).unwrap();
+            extent(&path, &Reach::of(&path)).unwrap()
+        };
+        let (whole, broken) = (extent_of("3 0 1 2\n", 1), extent_of("3 0 1 2\n3 0 1 99\n", 2));
+        for found in [whole, broken] {
+            assert_eq!((found.low, found.high), (DVec3::ZERO, DVec3::new(2.0, 3.0, 0.0)));
+        }
     }
 }

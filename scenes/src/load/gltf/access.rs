@@ -8,7 +8,10 @@ use crate::error::{Error, Result};
 use gltf::accessor::{Accessor, DataType};
 use gltf::{Document, buffer};
 use renderflow_frame::reach::Reach;
-use std::path::Path;
+use std::collections::hash_map::Entry;
+use std::collections::{HashMap, HashSet};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Bytes that the accessors in use may take beside [`SHARE`] times those of the buffers. Accessors without bytes behind them are
@@ -32,7 +35,8 @@ struct Elements {
 /// All buffers of a file, in memory.
 pub(super) struct Buffers<'a> {
     path: &'a Path,
-    bytes: Vec<Vec<u8>>,
+    /// At least as many as each buffer has. Buffers of one file share them.
+    bytes: Vec<Arc<Vec<u8>>>,
     decompressed: Decompressed,
     /// Bytes of accessors that may still be read.
     left: AtomicUsize,
@@ -41,23 +45,27 @@ pub(super) struct Buffers<'a> {
 impl<'a> Buffers<'a> {
     /// Reads every buffer: the binary chunk of a `.glb`, a data URI, or a file that `reach` allows.
     pub(super) fn read(path: &'a Path, reach: &Reach, document: &Document, mut blob: Option<Vec<u8>>) -> Result<Self> {
+        let mut files: HashMap<PathBuf, Arc<Vec<u8>>> = HashMap::new();
         let bytes = document
             .buffers()
             .map(|buffer| {
                 let fail = |reason| Error::model(path, format!("/buffers/{}", buffer.index()), reason);
-                let mut bytes = match buffer.source() {
-                    buffer::Source::Uri(text) => uri::read(reach, text).map_err(fail)?,
+                let bytes = match buffer.source() {
+                    buffer::Source::Uri(text) if text.starts_with("data:") => Arc::new(uri::read(reach, text).map_err(fail)?),
+                    buffer::Source::Uri(text) => match files.entry(uri::file(reach, text).map_err(fail)?) {
+                        Entry::Occupied(known) => Arc::clone(known.get()),
+                        Entry::Vacant(free) => Arc::clone(free.insert(Arc::new(uri::read(reach, text).map_err(fail)?))),
+                    },
                     buffer::Source::Bin => {
-                        blob.take().ok_or_else(|| fail("has no uri, and the file has no binary chunk".into()))?
+                        Arc::new(blob.take().ok_or_else(|| fail("has no uri, and the file has no binary chunk".into()))?)
                     }
                 };
                 if bytes.len() < buffer.length() {
                     return Err(fail(format!("holds {} bytes where byteLength says {}", bytes.len(), buffer.length())));
                 }
-                bytes.truncate(buffer.length());
                 Ok(bytes)
             })
-            .collect::<Result<Vec<Vec<u8>>>>()?;
+            .collect::<Result<Vec<_>>>()?;
         let mut read = Self { path, bytes, decompressed: Decompressed::default(), left: AtomicUsize::new(0) };
         read.decompressed = draco::decompress(path, document, &read)?;
         read.left = AtomicUsize::new(ALLOWANCE + SHARE * (read.bytes() + read.decompressed.bytes()));
@@ -66,7 +74,8 @@ impl<'a> Buffers<'a> {
 
     /// Bytes of all buffers.
     pub(super) fn bytes(&self) -> usize {
-        self.bytes.iter().map(Vec::len).sum()
+        let mut counted = HashSet::new();
+        self.bytes.iter().filter(|bytes| counted.insert(Arc::as_ptr(bytes))).map(|bytes| bytes.len()).sum()
     }
 
     /// The triangles of a compressed primitive, by the numbers of its mesh and of the primitive.
@@ -77,13 +86,14 @@ impl<'a> Buffers<'a> {
     /// Bytes of a buffer view.
     pub(super) fn view(&self, view: &buffer::View) -> Result<&[u8]> {
         let bytes = &self.bytes[view.buffer().index()];
-        let range = view.offset().checked_add(view.length()).and_then(|end| bytes.get(view.offset()..end));
+        let end = view.offset().checked_add(view.length()).filter(|end| *end <= view.buffer().length());
+        let range = end.and_then(|end| bytes.get(view.offset()..end));
         range.ok_or_else(|| {
             let reason = format!(
                 "{} bytes from {} leave the {} bytes of buffer {}",
                 view.length(),
                 view.offset(),
-                bytes.len(),
+                view.buffer().length(),
                 view.buffer().index()
             );
             Error::model(self.path, format!("/bufferViews/{}", view.index()), reason)

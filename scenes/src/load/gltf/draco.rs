@@ -51,8 +51,12 @@ pub(super) fn decompress(path: &Path, document: &Document, buffers: &Buffers) ->
         let view = extension.get("bufferView").and_then(serde_json::Value::as_u64);
         let view = view.and_then(|view| document.views().nth(usize::try_from(view).ok()?));
         let view = view.ok_or_else(|| fail("/bufferView", "the buffer view does not exist".into()))?;
+        let mut again = false;
         let decoded = match meshes.entry(view.index()) {
-            Entry::Occupied(known) => known.into_mut(),
+            Entry::Occupied(known) => {
+                again = true;
+                known.into_mut()
+            }
             Entry::Vacant(free) => {
                 let decoded = decode(buffers.view(&view)?, left).map_err(|reason| fail("", reason))?;
                 left = left.saturating_sub(bytes(&decoded));
@@ -71,6 +75,10 @@ pub(super) fn decompress(path: &Path, document: &Document, buffers: &Buffers) ->
             left = left.checked_sub((accessor.size() * points) as u64).ok_or_else(|| fail("", TOO_LARGE.into()))?;
             let values = attribute.read_f32s(points, accessor.dimensions().multiplicity());
             found.values.insert(accessor.index(), packed(&accessor, &values));
+        }
+        if again {
+            let copied = TRIANGLE * decoded.num_faces() as u64;
+            left = left.checked_sub(copied).ok_or_else(|| fail("", TOO_LARGE.into()))?;
         }
         let triangles = decoded.faces().iter().map(|face| face.map(|point| point.0));
         found.triangles.insert((mesh, primitive.index()), triangles.collect());

@@ -194,7 +194,9 @@ impl<'a> Materials<'a> {
         let mut means = HashMap::new();
         for (read, (index, glossiness)) in list.iter_mut().zip(&self.origins) {
             if let Some(glossiness) = glossiness {
-                by_glossiness(read, glossiness, &mut textures, report);
+                let place = || format!("/materials/{}", index.unwrap_or(0));
+                by_glossiness(read, glossiness, &mut textures, budget, report)
+                    .map_err(|reason| Error::model(self.path, place(), reason))?;
             }
             let Some(material) = index.and_then(|index| self.document.materials().nth(index)) else { continue };
             let name = read.name.clone();
@@ -272,8 +274,15 @@ impl<'a> Materials<'a> {
 /// The extension whose materials are told by specular and glossiness.
 const GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
 
-/// Gives a material whose textures are those of specular and glossiness textures of base colour, metallic and roughness.
-fn by_glossiness(read: &mut Material, glossiness: &Glossiness, textures: &mut Vec<Texture>, report: &mut LoadReport) {
+/// Gives a material whose textures are those of specular and glossiness textures of base colour, metallic and roughness. The error
+/// says, in words, that they do not fit.
+fn by_glossiness(
+    read: &mut Material,
+    glossiness: &Glossiness,
+    textures: &mut Vec<Texture>,
+    budget: &Budget,
+    report: &mut LoadReport,
+) -> std::result::Result<(), String> {
     let [diffuse, specular] = [&read.base_color_texture, &read.metallic_roughness_texture].map(Option::clone);
     let same = |a: &TextureSlot, b: &TextureSlot| (a.uv_transform, a.set) == (b.uv_transform, b.set);
     if let (Some(a), Some(b)) = (&diffuse, &specular)
@@ -283,15 +292,19 @@ fn by_glossiness(read: &mut Material, glossiness: &Glossiness, textures: &mut Ve
         report.notes.push(format!("material {:?}: {what}", read.name));
         read.metallic_roughness_texture = None;
     } else {
+        // Both are as large as the larger of those that they are made of.
+        let larger = [&diffuse, &specular].into_iter().flatten().map(|slot| textures[slot.texture].bytes()).max();
+        budget.take(&read.name, 2 * larger.unwrap_or(0) as u64)?;
         let texture = |slot: &Option<TextureSlot>| slot.as_ref().map(|slot| &textures[slot.texture]);
         let made = glossiness.textures(texture(&diffuse), texture(&specular), &read.name);
-        let Some(lie) = diffuse.or(specular) else { return };
+        let Some(lie) = diffuse.or(specular) else { return Ok(()) };
         let first = textures.len();
         textures.extend(made);
         read.base_color_texture = Some(TextureSlot { texture: first, ..lie.clone() });
         read.metallic_roughness_texture = Some(TextureSlot { texture: first + 1, ..lie });
         (read.surface.base_color, read.surface.metallic, read.surface.roughness) = (Vec3A::ONE, 1.0, 1.0);
     }
+    Ok(())
 }
 
 /// What a texture is on the whole.

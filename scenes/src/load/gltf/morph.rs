@@ -26,6 +26,9 @@ impl Reader<'_> {
             };
             let [positions, normals, tangents] =
                 [read(morph.positions(), "POSITION")?, read(morph.normals(), "NORMAL")?, read(morph.tangents(), "TANGENT")?];
+            if [&positions, &normals, &tangents].iter().all(|list| list.is_empty()) {
+                continue;
+            }
             for vertex in 0..vertices {
                 let [position, normal, tangent] =
                     [&positions, &normals, &tangents].map(|list| list.get(vertex).map_or(Vec3::ZERO, |&v| Vec3::from(v)));

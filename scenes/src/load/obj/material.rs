@@ -11,11 +11,19 @@ use renderflow_frame::color::luminance;
 use renderflow_frame::file;
 use renderflow_frame::reach::Reach;
 use std::collections::HashSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// Most bytes of libraries that are read more than once. Each time takes some two hundred times as much memory.
+const MOST_REPEATED: usize = 4 << 20;
 
 /// The MTL files of an OBJ file.
 pub(super) struct Libraries<'a> {
     reach: &'a Reach,
+    /// The files that were read so far, and the last one.
+    seen: HashSet<PathBuf>,
+    last: Option<PathBuf>,
+    /// Bytes that were read again.
+    repeated: usize,
     /// The materials of each statement `mtllib` that was read and not taken.
     found: Vec<Vec<tobj::Material>>,
     notes: Vec<String>,
@@ -24,10 +32,10 @@ pub(super) struct Libraries<'a> {
 
 impl<'a> Libraries<'a> {
     pub(super) fn new(reach: &'a Reach) -> Self {
-        Self { reach, found: vec![], notes: vec![], error: None }
+        Self { reach, seen: HashSet::new(), last: None, repeated: 0, found: vec![], notes: vec![], error: None }
     }
 
-    /// Reads the library that `mtllib` names, and returns the names of its materials. A missing one is noted, a broken one
+    /// Reads the library that `mtllib` names, and returns the names of its materials, if it was not the last one that was read. A missing one is noted, a broken one
     /// becomes an error of [`Self::finish`].
     pub(super) fn read(&mut self, name: &str) -> Vec<String> {
         let mut materials: Vec<tobj::Material> = vec![];
@@ -49,6 +57,10 @@ impl<'a> Libraries<'a> {
                     continue;
                 }
             };
+            // Some exporters name one library before every object.
+            if self.last.replace(path.clone()).is_some_and(|last| last == path) {
+                continue;
+            }
             let bytes = match file::read_at_most(&path, file::LARGEST_TEXT) {
                 Ok(bytes) => bytes,
                 Err(e) => {
@@ -58,6 +70,15 @@ impl<'a> Libraries<'a> {
                 }
             };
             self.reach.note(&path);
+            // Where libraries take turns, each defines its names again.
+            if !self.seen.insert(path.clone()) {
+                self.repeated += bytes.len();
+                if self.repeated > MOST_REPEATED {
+                    let reason = format!("the library {} is named too often", path.display());
+                    self.error = self.error.take().or(Some(Error::Name { reason: format!("mtllib: {reason}") }));
+                    continue;
+                }
+            }
             let mut line = 0;
             let cleaned: String = String::from_utf8_lossy(&bytes).lines().map(|l| format!("{}\n", clean(l))).collect();
             let mut reader = Counted { text: cleaned.as_bytes(), lines: &mut line };
