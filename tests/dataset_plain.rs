@@ -70,6 +70,62 @@ fn an_export_holds_one_dataset() {
     }
 }
 
+/// Lights with an area are seen by pixels, so they are annotated as objects are.
+#[test]
+fn annotations_hold_lights_and_do_not_replace_what_cannot_be_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let [shot, out] = ["shot", "coco"].map(|name| folder.path().join(name));
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/examples/lights.json");
+    let small = ["--frames", "1", "--resolution", "48x32", "--spp", "1", "--denoise", "none", "--no-sheet"];
+    succeed(&[&["render", scene, "-o", text(&shot)][..], &small].concat());
+    let export = || renderflow(&["dataset", "export", text(&shot), "--to", "coco", "--out", text(&out)]);
+    let exported = export();
+    assert!(exported.status.success(), "{}", stderr(&exported));
+    let annotations = out.join("annotations/instances_train.json");
+    let found: Value = serde_json::from_slice(&std::fs::read(&annotations).unwrap()).unwrap();
+    let names: Vec<&str> = found["categories"].as_array().unwrap().iter().map(|c| c["name"].as_str().unwrap()).collect();
+    let described: Value = serde_json::from_slice(&std::fs::read(scene).unwrap()).unwrap();
+    let lamps = described["lights"].as_array().unwrap();
+    let seen = |lamp: &&Value| ["sphere", "disk", "rectangle"].iter().any(|kind| lamp["kind"].get(kind).is_some());
+    let lamps: Vec<&str> = lamps.iter().filter(seen).map(|lamp| lamp["name"].as_str().unwrap()).collect();
+    assert!(!lamps.is_empty() && lamps.iter().all(|lamp| names.iter().any(|name| lamp.starts_with(name))), "{lamps:?} {names:?}");
+    assert!(names.iter().all(|name| !name.is_empty()), "{names:?}");
+    std::fs::write(&annotations, "{").unwrap();
+    let refused = export();
+    assert!(!refused.status.success() && stderr(&refused).contains("instances_train.json"), "{}", stderr(&refused));
+    assert_eq!(std::fs::read(&annotations).unwrap(), b"{");
+}
+
+/// A camera of other pixels than its frame is told, whatever the layout.
+#[test]
+fn exports_compare_frames_with_their_cameras() {
+    let folder = tempfile::tempdir().unwrap();
+    let shot = folder.path().join("shot");
+    render(&shot, "5", &[]);
+    let path = shot.join("transforms.json");
+    let mut transforms: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    (transforms["w"], transforms["h"]) = (json!(300_000), json!(300_000));
+    std::fs::write(&path, transforms.to_string()).unwrap();
+    for to in ["cosmos", "nerfstudio", "png"] {
+        let said = common::fail(&["dataset", "export", text(&shot), "--to", to, "--out", text(&folder.path().join(to))]);
+        assert!(said.contains("frame.0000.exr"), "{to}: {said}");
+    }
+}
+
+/// Methods that need keyframes where there are none.
+#[test]
+fn methods_without_scores_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let [shot, alone, both] = ["shot", "alone", "both"].map(|name| folder.path().join(name));
+    render(&shot, "5", &[]);
+    let evaluate =
+        |methods: &str, out: &Path| renderflow(&["evaluate", "--data", text(&shot), "--methods", methods, "--out", text(out)]);
+    let refused = evaluate("warp-ibl", &alone);
+    assert!(!refused.status.success() && stderr(&refused).contains("no method has a score"), "{}", stderr(&refused));
+    let noted = evaluate("ibl,warp-ibl", &both);
+    assert!(noted.status.success() && stderr(&noted).contains("warp-ibl has no score"), "{}", stderr(&noted));
+}
+
 /// Plans often lie in the folder that one works in.
 #[test]
 fn a_plan_beside_a_render_says_nothing_about_it() {

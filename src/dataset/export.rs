@@ -21,7 +21,7 @@ use anyhow::{Context, Result, ensure};
 use clap::ValueEnum;
 use rayon::prelude::*;
 use renderflow_frame::image::Rgb;
-use renderflow_frame::{Frame, color, file, frame_file};
+use renderflow_frame::{Frame, color, file};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -159,7 +159,7 @@ impl Job<'_> {
         let results = (0..sequence.numbers.len()).into_par_iter().map(|index| {
             self.cancel.check()?;
             let path = sequence.file(index);
-            let result = f(index, frame_file::read(&path)?).with_context(|| path.display().to_string())?;
+            let result = f(index, sequence.frame(index)?).with_context(|| path.display().to_string())?;
             if let Some(progress) = self.progress {
                 progress.add(1);
             }

@@ -141,6 +141,15 @@ fn masks(ids: &Image<u32>) -> Vec<Mask> {
 #[derive(Deserialize)]
 struct Scene {
     objects: Vec<Named>,
+    #[serde(default)]
+    lights: Vec<Lamp>,
+}
+
+/// A light. Its id follows those of the objects.
+#[derive(Deserialize)]
+struct Lamp {
+    name: String,
+    kind: BTreeMap<String, serde::de::IgnoredAny>,
 }
 
 #[derive(Deserialize)]
@@ -177,7 +186,8 @@ impl Categories {
         let families: Vec<&str> = FAMILIES.iter().copied().chain([USERS]).collect();
         let mut others = BTreeSet::new();
         for sequence in if whole.is_empty() { exported } else { &whole } {
-            others.extend(categories(sequence)?.into_iter().filter(|name| !families.contains(&name.as_str())));
+            let new = |name: &String| !name.is_empty() && !families.contains(&name.as_str());
+            others.extend(categories(sequence)?.into_iter().filter(new));
         }
         Ok(Self(families.into_iter().map(str::to_owned).chain(others).zip(1..).collect()))
     }
@@ -197,12 +207,18 @@ impl Categories {
 /// The family that records have for a user's models.
 const USERS: &str = "file";
 
-/// Category of each object; object id 1 is the first.
+/// The kinds of lights that pixels can show.
+const SEEN: [&str; 3] = ["sphere", "disk", "rectangle"];
+
+/// Category of each object and then of each light; object id 1 is the first. It is empty for a light that no pixel shows.
 fn categories(sequence: &Sequence) -> Result<Vec<String>> {
     let scene: Scene = file::read_json(&sequence.folder.join("scene.json"))?;
     let recorded =
         |name: &str| sequence.record.iter().flat_map(|r| &r.objects).find(|o| o.name == name).map(|o| o.family.clone());
-    Ok(scene.objects.iter().map(|o| recorded(&o.name).unwrap_or_else(|| family(&o.name).to_owned())).collect())
+    let objects = scene.objects.iter().map(|o| recorded(&o.name).unwrap_or_else(|| family(&o.name).to_owned()));
+    let seen = |lamp: &Lamp| SEEN.iter().any(|kind| lamp.kind.contains_key(*kind));
+    let lamps = scene.lights.iter().map(|lamp| if seen(lamp) { family(&lamp.name).to_owned() } else { String::new() });
+    Ok(objects.chain(lamps).collect())
 }
 
 /// File name of a picture in the folder of its split.
@@ -218,7 +234,7 @@ fn annotations_file(sequences: &[Sequence], out: &Path) -> PathBuf {
 /// Checks that the annotations of a split, where an earlier export left some, hold no other sequences than these.
 ///
 /// # Errors
-/// When they do: the other sequences would be lost.
+/// When they do: the other sequences would be lost. When the annotations cannot be read.
 pub fn holds_no_more(sequences: &[Sequence], out: &Path) -> Result<()> {
     #[derive(Deserialize)]
     struct Earlier {
@@ -229,7 +245,11 @@ pub fn holds_no_more(sequences: &[Sequence], out: &Path) -> Result<()> {
         file_name: String,
     }
     let path = annotations_file(sequences, out);
-    let Ok(earlier) = file::read_json::<Earlier>(&path) else { return Ok(()) };
+    // It may be larger than other texts.
+    let earlier: Earlier = match file::read(&path) {
+        Err(error) if error.is_missing() => return Ok(()),
+        bytes => file::parse_json(&path, &bytes?)?,
+    };
     let frames = sequences.iter().flat_map(|sequence| (0..sequence.len()).map(move |index| (sequence, index)));
     let own: BTreeSet<String> = frames.map(|(sequence, index)| picture_file(sequence, index)).collect();
     match earlier.images.iter().find(|picture| !own.contains(&picture.file_name)) {
