@@ -428,6 +428,44 @@ fn anybodys_pictures_are_compared_by_name_or_number() {
     assert!(common::stderr(&compare(&a, &empty, &[])).contains("neither sequences nor pictures"));
 }
 
+/// Each class of a test set has a sequence of the same name.
+#[test]
+fn pictures_of_one_of_several_sequences_are_refused_without_its_class() {
+    let folder = tempfile::tempdir().unwrap();
+    let sets = set(folder.path());
+    let (mine, out) = (folder.path().join("mine"), folder.path().join("out"));
+    let frames = |class: &str, to: &Path| {
+        let sequence = sets.join("tiny").join(class).join("test/seq-000000");
+        std::fs::create_dir_all(to).unwrap();
+        for number in 0..5 {
+            let name = format!("frame.{number:04}.exr");
+            std::fs::copy(sequence.join(&name), to.join(&name)).unwrap();
+        }
+    };
+    let paths = [mine.to_str().unwrap(), sets.to_str().unwrap(), out.to_str().unwrap()];
+    let compare = ["evaluate", paths[0], paths[1], "--out", paths[2]];
+    frames("near", &mine.join("seq-000000"));
+    let said = fail(&compare);
+    assert!(said.contains("several sequences of the truth have this name"), "{said}");
+    std::fs::remove_dir_all(&mine).unwrap();
+    for class in ["near", "far"] {
+        frames(class, &mine.join(class).join("seq-000000"));
+    }
+    succeed(&compare);
+    let all = scores(&out);
+    assert!(all.len() == 2 && all.iter().flatten().all(|score| score.values["psnr"] == 100.0), "{all:?}");
+
+    // More pictures than an earlier run kept are made.
+    let results = folder.path().join("results");
+    let kept = |count: &str| {
+        let from = ["evaluate", "--data", paths[1], "--methods", "ibl", "--every", "4", "--pictures-kept", count];
+        succeed(&[&from[..], &["--out", results.to_str().unwrap()]].concat());
+        common::files(&results).iter().filter(|(name, _)| name.ends_with(".png")).count()
+    };
+    assert_eq!(kept("0"), 0);
+    assert!(kept("1") > 0);
+}
+
 #[test]
 fn pictures_that_a_comparison_did_not_see_do_not_count() {
     let folder = tempfile::tempdir().unwrap();

@@ -13,6 +13,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Subcommand};
 use renderflow_model::lpips::WEIGHTS_VARIABLE;
 use renderflow_renderer::Settings;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 const HELP: &str = "\
@@ -130,6 +131,15 @@ impl Pictures {
             _ => bail!("either --data FOLDER, or two folders: pictures and truth"),
         }
         let results = Results::read(out)?;
+        let scores = results.sequences.iter().flat_map(|sequence| &sequence.scores);
+        let scored: BTreeSet<&str> = scores.map(|score| score.method.as_str()).collect();
+        ensure!(!scored.is_empty(), "no method has a score: methods that read keyframes need sequences with keyframes");
+        for method in results.about.methods.iter().filter(|method| !scored.contains(method.id.as_str())) {
+            eprintln!(
+                "note: {} has no score: no sequence has the keyframes that it needs, or that the method whose time it takes needs",
+                method.id
+            );
+        }
         if self.json {
             println!("{}", serde_json::to_string_pretty(&table::json(&results))?);
         } else {
@@ -148,6 +158,9 @@ impl Pictures {
             networks.wan.is_some() || !methods.iter().any(Method::is_wan),
             "--methods: wan and wan+keys need the weights of the paper's network (--weights FILE)"
         );
+        let keyed = networks.wan.as_ref().is_none_or(|wan| wan.about().keyframes);
+        let asked = methods.iter().any(|method| method.is_wan() && method.needs_keyframes());
+        ensure!(keyed || !asked, "--methods: wan+keys and wan-stills+keys: this network does not read keyframes");
         let settings = networks.settings();
         let options = run::Options {
             rendering: renderer::Options {

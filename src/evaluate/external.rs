@@ -77,6 +77,12 @@ impl TruthFolder {
     fn place(&self) -> String {
         place(&self.set, &self.class, &self.name)
     }
+
+    /// The folders in which its predictions may be, below that of all.
+    fn places(&self) -> [PathBuf; 4] {
+        let class = PathBuf::from(&self.class).join(&self.name);
+        [self.path.clone(), PathBuf::from(&self.set).join(&class), class, PathBuf::from(&self.name)]
+    }
 }
 
 /// Compares the pictures below `predictions` with those below `truth` and writes results into `out`. Returns how many were
@@ -182,7 +188,8 @@ fn folders(truth: &Path, given: Option<f32>) -> Result<Vec<TruthFolder>> {
         let distinct: BTreeSet<usize> = numbers.iter().copied().flatten().collect();
         let numbered = distinct.len() == paths.len();
         let truths = paths.into_iter().enumerate().map(|(i, path)| (if numbered { numbers[i].unwrap_or(i) } else { i }, path));
-        let name = if name.is_empty() { own.clone() } else { name.replace(['/', '\\'], "-") };
+        // The results of NAME are in the files NAME.json and NAME.jsonl.
+        let name = if name.is_empty() { own.clone() } else { name.replace(['/', '\\'], "-").replace(".json", "-json") };
         TruthFolder { set: own.clone(), class: "pictures".into(), name, path, exposure, test: None, truths: truths.collect() }
     };
     Ok(by_folder.into_iter().map(folder).collect())
@@ -233,14 +240,24 @@ fn matched<'a>(predictions: &Path, folders: &'a [TruthFolder], partial: bool) ->
             by_number.entry((parent, number)).or_default().push(path);
         }
     }
+    let mut owners: BTreeMap<PathBuf, BTreeSet<usize>> = BTreeMap::new();
+    for (i, folder) in folders.iter().enumerate() {
+        for place in folder.places() {
+            owners.entry(place).or_default().insert(i);
+        }
+    }
+    let shared = |place: &Path| {
+        owners.get(place).is_some_and(|owners| owners.len() > 1) && folders.iter().all(|folder| folder.path != place)
+    };
+    if let Some((parent, _)) = by_name.keys().find(|(parent, _)| shared(parent)) {
+        let place = predictions.join(parent);
+        bail!("{}: several sequences of the truth have this name; name the set and the class too", place.display());
+    }
     let (mut pairs, mut missing) = (Vec::new(), Vec::new());
     for folder in folders {
-        let mut places = vec![
-            folder.path.clone(),
-            PathBuf::from(&folder.set).join(&folder.class).join(&folder.name),
-            PathBuf::from(&folder.class).join(&folder.name),
-            PathBuf::from(&folder.name),
-        ];
+        // Where a name is the whole path of one sequence and the last part of another's, it means the first.
+        let mut places = folder.places().to_vec();
+        places.retain(|place| *place == folder.path || owners[place].len() == 1);
         if folders.len() == 1 {
             places.push(PathBuf::new());
         }

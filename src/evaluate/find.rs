@@ -39,6 +39,11 @@ pub fn find(data: &Path) -> Result<Vec<TestSequence>> {
     let above = above(data);
     let mut tests: Vec<TestSequence> = sequence::find(data)?.into_iter().map(|sequence| named(data, &above, sequence)).collect();
     tests.sort_by_cached_key(|test| (test.set.clone(), test.class.clone(), test.sequence.name.clone()));
+    for test in &tests {
+        let summary = [".json", ".jsonl"].iter().any(|ending| test.sequence.name.ends_with(ending));
+        let folder = test.sequence.folder.display();
+        ensure!(!summary, "{folder}: results cannot have this name, which is that of a file among them; rename the folder");
+    }
     for pair in tests.windows(2) {
         let name = |test: &TestSequence| (test.set.clone(), test.class.clone(), test.sequence.name.clone());
         ensure!(

@@ -211,7 +211,8 @@ impl<'a> MethodRenderer<'a> {
         // The networks prepare keyframes as they come near.
         match self.once.iter_mut().find(|(what, _)| what == PREPARING) {
             Some((_, seconds)) => *seconds += self.sessions.preparing,
-            None if self.sessions.preparing > 0.0 => self.once.push((PREPARING.to_owned(), self.sessions.preparing)),
+            // Less is the clock's own.
+            None if self.sessions.preparing > 1e-4 => self.once.push((PREPARING.to_owned(), self.sessions.preparing)),
             None => {}
         }
         self.once

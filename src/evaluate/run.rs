@@ -70,7 +70,17 @@ pub fn run(tests: &[TestSequence], options: &Options, out: &Path, progress: &Pro
         let indices = chosen(test.sequence.len(), options.every);
         let stored: Option<SequenceSummary> = file::read_json(&done).ok();
         let numbers: Vec<usize> = indices.iter().map(|&i| test.sequence.numbers[i]).collect();
-        if stored.is_some_and(|stored| stored.frames == numbers && stored.data.as_ref() == Some(data)) {
+        let wanted = shown(&indices, &test.sequence.transforms.keyframes, options.pictures).len();
+        let whole = |stored: &SequenceSummary| {
+            stored.frames == numbers && stored.data.as_ref() == Some(data) && stored.shown.len() >= wanted
+        };
+        if let Some(stored) = stored.filter(whole) {
+            // An audit may have come later, and seconds too.
+            let truth = Truth { spp: stored.truth.spp, noise: stored.truth.noise, ..told(&test.sequence) };
+            if truth != stored.truth {
+                claim.write()?;
+                file::write_json(&done, &SequenceSummary { truth, ..stored })?;
+            }
             progress.resume(indices.len() as u64);
             continue;
         }
@@ -283,7 +293,6 @@ impl Evaluation<'_> {
         write_scores(&class.join(format!("{}.jsonl", sequence.name)), &scores)?;
         let numbers = |indices: &[usize]| indices.iter().map(|&i| sequence.numbers[i]).collect::<Vec<_>>();
         let size = sequence.camera(first);
-        let error: Option<Audit> = file::read_json(&sequence.folder.join(AUDIT)).ok();
         Ok(SequenceSummary {
             set: test.set.clone(),
             class: test.class.clone(),
@@ -300,15 +309,25 @@ impl Evaluation<'_> {
             facts: facts(test),
             truth: Truth {
                 spp: sequence.frame(first)?.info.spp,
-                seconds: Some(median(&job::seconds(&sequence.folder))).filter(|s| s.is_finite()),
-                keyframe_seconds: Some(median(&job::seconds_of(&sequence.folder, &numbers(&sequence.transforms.keyframes))))
-                    .filter(|s| s.is_finite()),
                 // JSON has no NaN.
                 noise: Some(decibel(noise.iter().sum::<f64>() / noise.len() as f64)).filter(|noise| !noise.is_nan()),
-                error: error.map(|audit| audit.error),
+                ..told(sequence)
             },
             once: methods.once(),
         })
+    }
+}
+
+/// What the folder of a sequence tells about its truth: seconds, and the error that an audit found.
+fn told(sequence: &Sequence) -> Truth {
+    let known = |seconds: Vec<f64>| Some(median(&seconds)).filter(|s| s.is_finite());
+    let keyframes: Vec<usize> = sequence.transforms.keyframes.iter().map(|&i| sequence.numbers[i]).collect();
+    let audit: Option<Audit> = file::read_json(&sequence.folder.join(AUDIT)).ok();
+    Truth {
+        seconds: known(job::seconds(&sequence.folder)),
+        keyframe_seconds: known(job::seconds_of(&sequence.folder, &keyframes)),
+        error: audit.map(|audit| audit.error),
+        ..Truth::default()
     }
 }
 

@@ -106,7 +106,8 @@ impl Axis {
 
     /// An axis that covers the values, with a little room at both ends.
     pub fn new(values: impl Iterator<Item = f64>, scale: Scale, from: f64, to: f64) -> Self {
-        let usable = values.filter(|v| v.is_finite() && (!Self::is_log(scale) || *v > 0.0));
+        // Ratios of numbers outside these would overflow.
+        let usable = values.filter(|v| v.is_finite() && (!Self::is_log(scale) || (1e-30..=1e30).contains(v)));
         let (low, high) = usable.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
         let (low, high) = match scale {
             _ if low > high => (1.0, 10.0),

@@ -124,14 +124,16 @@ impl<'a> Tracer<'a> {
             if self.rates.contains_key(&needs) {
                 continue;
             }
-            let mut seconds = [0.0; 2];
-            // The first round fills the caches; the second one counts.
+            let mut seconds = [f64::INFINITY; 2];
+            // The first round fills the caches. The faster one counts, since other processes may delay either.
             for _ in 0..2 {
                 for (seconds, spp) in seconds.iter_mut().zip(PROBES) {
-                    *seconds = self.trace(scene, buffer.index, needs, spp, cancel)?.seconds;
+                    *seconds = seconds.min(self.trace(scene, buffer.index, needs, spp, cancel)?.seconds);
                 }
             }
-            let each = ((seconds[1] - seconds[0]) / f64::from(PROBES[1] - PROBES[0])).max(1e-6);
+            // Samples are not free, even if another process delayed the first render.
+            let least = (seconds[1] / f64::from(8 * PROBES[1])).max(1e-6);
+            let each = ((seconds[1] - seconds[0]) / f64::from(PROBES[1] - PROBES[0])).max(least);
             self.rates.insert(needs, [(seconds[0] - f64::from(PROBES[0]) * each).max(0.0), each]);
         }
         for tracing in tracings(methods) {
@@ -142,7 +144,8 @@ impl<'a> Tracer<'a> {
                 if known && (tracing.neighbours == Neighbours::Alone || self.gathered.contains_key(&tracing.neighbours)) {
                     continue;
                 }
-                let probe = Tracing { samples: Samples::Count(spp), ..tracing.clone() };
+                // A keyframe is given, so with keyframes the network might not run.
+                let probe = Tracing { samples: Samples::Count(spp), keyframes: false, ..tracing.clone() };
                 // The first run of a denoiser builds its network.
                 for _ in 0..2 {
                     self.denoised.remove(&effort);
@@ -223,7 +226,10 @@ impl<'a> Tracer<'a> {
             let (seconds, spp) = (own.seconds + own.preparing(), own.spp);
             self.denoisers.extend(key.zip(denoiser));
             let (picture, drawing) = drawn?;
-            self.denoised.entry((tracing.clean, true)).or_default().push(gathering + drawing);
+            // A keyframe is given, so it says nothing about other frames.
+            if !(tracing.keyframes && self.sequence.transforms.keyframes.contains(&buffer.index)) {
+                self.denoised.entry((tracing.clean, true)).or_default().push(gathering + drawing);
+            }
             return Ok((picture, seconds + buffer.seconds + gathering + drawing, spp));
         }
         let own = &self.traced[&keys[0]];
@@ -335,7 +341,9 @@ impl<'a> Tracer<'a> {
     fn samples_within(&self, tracing: &Tracing, index: usize, budget: f64, buffer: Buffer) -> u32 {
         let Some(&rate) = self.rates.get(&Needs::of(tracing)) else { return 1 };
         let usual = |seconds: Option<&Vec<f64>>| seconds.map(|seconds| median(seconds)).filter(|s| s.is_finite());
-        let mut others = usual(self.gathered.get(&tracing.neighbours)).unwrap_or(0.0);
+        // The network's seconds include those of gathering.
+        let gathered = self.gathered.get(&tracing.neighbours).filter(|_| !tracing.clean.is_neural());
+        let mut others = usual(gathered).unwrap_or(0.0);
         if tracing.guides == Guides::GBuffer || tracing.clean.is_neural() {
             others += buffer.seconds;
         }
