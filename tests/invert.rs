@@ -115,10 +115,21 @@ fn a_network_is_trained_and_used() {
     let printed: Value = serde_json::from_str(&succeed(&print(text(&some)).each_ref().map(String::as_str))).unwrap();
     assert_eq!(printed["recipe"]["skip"], json!(7));
     assert_eq!([&printed["recipe"]["bare"], &printed["recipe"]["deferred"]], [&json!(1.0), &json!(false)]);
+    std::fs::write(&some, r#"{"network": "fusion", "training": {"lpips_weights": "/none"}}"#).unwrap();
+    assert!(succeed(&print(text(&some)).each_ref().map(String::as_str)).contains("\"lpips_weights\": \"/none\""));
     for (options, says) in [
         (r#"{"network": "inverse", "recipe": {"keyed": 0.5}}"#, "reads neither samples nor keyframes"),
         (r#"{"network": "fusion", "recipe": {"deferred": false, "bare": 1.0}}"#, "recipe.deferred: a tier"),
         (r#"{"network": "inverse", "recipe": {"deffered": false}}"#, "deffered"),
+        (r#"{"network": "inverse", "training": {"loss": {"normal": -1}}}"#, "loss.normal"),
+        (r#"{"network": "fusion", "training": {"loss": {"lpips": -1}}}"#, "loss.lpips"),
+        (r#"{"network": "fusion", "training": {"crops": [{"size": 96, "batch": 8, "from": 50}]}}"#, "crops.from"),
+        (r#"{"network": "fusion", "recipe": {"truth_spp": 0}}"#, "recipe.truth_spp"),
+        (r#"{"network": "fusion", "recipe": {"samples": [1, 2, 4, 0]}}"#, "recipe.samples"),
+        (r#"{"network": "fusion", "recipe": {"max_bounces": 0}}"#, "recipe.max_bounces"),
+        (r#"{"network": "fusion", "recipe": {"frames": 0}}"#, "recipe.frames"),
+        (r#"{"network": "fusion", "recipe": {"single": 2}}"#, "recipe.single"),
+        (r#"{"network": "fusion", "training": {"loss": {"lpips": 1}, "lpips_weights": "/none"}}"#, "lpips_squeeze.safetensors"),
     ] {
         std::fs::write(&some, options).unwrap();
         let said = fail(&print(text(&some)).each_ref().map(String::as_str));

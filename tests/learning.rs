@@ -63,6 +63,18 @@ fn sequences_are_bare_or_full_small_or_large_and_may_be_passed_over() {
         }
     }
 
+    // So has one of a plan without frames between keyframes.
+    for frames in [1, 2] {
+        let plan = Plan { frames, ..plan.clone() };
+        let of = |single: f64| {
+            let recipe = Recipe { single, ..quick.clone() };
+            groups(&Planned::new(&plan, [0, 3], recipe, &cancel).records(1).unwrap())
+        };
+        let (single, whole) = (of(1.0), of(0.0));
+        assert!(single.len() == 1 && single[0].samples && !single[0].keys, "{single:?}");
+        assert!(whole.iter().all(|groups| !groups.samples), "{whole:?}");
+    }
+
     // Some of many sequences are bare, the same ones each time.
     let kinds = || (0..8).map(|i| groups(&records(i, 0.5, 0))[2].samples).collect::<Vec<_>>();
     let found = kinds();

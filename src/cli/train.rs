@@ -177,21 +177,29 @@ impl Configuration {
 struct Session<'a> {
     team: &'a Team,
     bars: &'a Bars,
-    folder: &'a OutputFolder,
+    folder: &'a OutputFolder<'a>,
     cancel: &'a Cancel,
 }
 
 /// The folder that a run writes to. One run at a time may; of several processes, the one that leads keeps others out.
-struct OutputFolder(RefCell<Option<Hold>>);
+struct OutputFolder<'a> {
+    path: &'a Path,
+    hold: RefCell<Option<Hold>>,
+}
 
-impl OutputFolder {
-    fn new(path: &Path, team: &Team) -> Result<Self> {
-        Ok(Self(RefCell::new(team.leads().then(|| Hold::new(path)).transpose()?)))
+impl<'a> OutputFolder<'a> {
+    fn new(path: &'a Path, team: &Team) -> Result<Self> {
+        Ok(Self { path, hold: RefCell::new(team.leads().then(|| Hold::new(path)).transpose()?) })
     }
 
-    /// Makes the folder, if there was none. Must be called before the first file is written.
+    /// Makes the folder, if there was none, and removes the temporary files of runs that were killed. Must be called before the
+    /// first file is written.
     fn begin(&self) -> Result<()> {
-        self.0.borrow_mut().as_mut().map_or(Ok(()), Hold::begin)
+        let mut hold = self.hold.borrow_mut();
+        let Some(hold) = hold.as_mut() else { return Ok(()) };
+        hold.begin()?;
+        file::remove_leftovers(self.path);
+        Ok(())
     }
 }
 

@@ -365,6 +365,8 @@ impl<'a> Maker<'a> {
         // G-buffers and the first part of the samples share camera rays, as in rendering. Those of the truth are others.
         let (apart, truthful) = (loaded.seed.wrapping_add(1), loaded.seed);
         let needed = kind.keys || !kind.samples;
+        // Where there is no frame between keyframes that are not needed, the first of them is used.
+        let between: &[usize] = if between.is_empty() && !needed { &keys[..1] } else { between };
         for &number in keys.iter().filter(|_| needed) {
             scene.set_frame(number);
             scene.reseed(apart);

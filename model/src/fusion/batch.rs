@@ -27,6 +27,14 @@ pub struct Tier {
     pub weight: f32,
 }
 
+impl Tier {
+    /// Whether a record has the inputs of this tier, and room for a crop of `size` columns and rows.
+    fn takes(&self, record: &Record<f16>, size: usize) -> bool {
+        let given = record.groups().flags().into_iter().zip(self.groups.flags()).all(|(has, wanted)| has || !wanted);
+        given && record.width.min(record.height) >= size
+    }
+}
+
 const NONE: Groups = Groups { deferred: false, keys: false, samples: false, neighbours: false, denoised: false };
 const DEFERRED: Groups = Groups { deferred: true, ..NONE };
 const RAYS: Groups = Groups { samples: true, ..NONE };
@@ -187,12 +195,7 @@ impl Batch {
         let (size, items) = (kind.size, share.of(kind.batch));
         let tier = &tiers[crate::train::draw_weighted(tiers.iter().map(|tier| tier.weight), rng)];
         let wanted = tier.groups;
-        let fits = |record: &&&Record<f16>| {
-            let has = record.groups();
-            let given = has.flags().into_iter().zip(wanted.flags()).all(|(has, wanted)| has || !wanted);
-            given && record.width.min(record.height) >= size
-        };
-        let fitting: Vec<&Record<f16>> = records.iter().filter(fits).copied().collect();
+        let fitting: Vec<&Record<f16>> = records.iter().filter(|record| tier.takes(record, size)).copied().collect();
         if fitting.is_empty() {
             return None;
         }
@@ -219,7 +222,7 @@ impl Batch {
     }
 
     /// The batch of number `number` of a run with the seed `seed`: [`Self::draw`], until a record has the inputs of the tier that
-    /// was drawn.
+    /// was drawn. Tiers without records are left out where most draws would fail.
     ///
     /// # Errors
     /// When no record of this size has the inputs of any tier.
@@ -235,6 +238,13 @@ impl Batch {
             if let Some(batch) = Self::draw(records, tiers, kind, share, &mut rng) {
                 return Ok(batch);
             }
+        }
+        let filled: Vec<Tier> =
+            tiers.iter().filter(|tier| records.iter().any(|record| tier.takes(record, kind.size))).copied().collect();
+        if !filled.is_empty()
+            && let Some(batch) = Self::draw(records, &filled, kind, share, &mut rng)
+        {
+            return Ok(batch);
         }
         let reason = format!("no record of at least {} pixels a side has the inputs that are trained", kind.size);
         Err(Error::Data { place: "sequences".into(), reason })
@@ -463,5 +473,13 @@ mod tests {
         }
         let mut rng = Pcg64Mcg::seed_from_u64(1);
         assert!(Batch::draw(&[&record], &TIERS, crop(64, 1), Share::WHOLE, &mut rng).is_none());
+        assert!(Batch::numbered(&[&record], &TIERS, crop(64, 1), Share::WHOLE, [1, 0]).is_err());
+        // A tier that is seldom drawn is the only one with records.
+        let mut seldom = TIERS.to_vec();
+        seldom[0].weight = 1e-6;
+        let mut shaded = Record::<f32>::new(64, 48).to_half();
+        shaded.deferred = true;
+        let batch = Batch::numbered(&[&shaded], &seldom, crop(32, 1), Share::WHOLE, [1, 0]).expect("a record has this");
+        assert_eq!(batch.tier(), "deferred");
     }
 }

@@ -3,10 +3,11 @@
 
 use super::batch::Batch;
 use super::record::PixelInputs;
+use crate::Result;
 use crate::bridge::{log_curves, srgb_slope};
 use crate::lpips::Lpips;
 use crate::parameters::read;
-use crate::{Error, Result};
+use crate::train::config;
 use burn::tensor::{Device, Tensor, TensorData};
 use renderflow_frame::color::linear_to_srgb;
 use serde::{Deserialize, Serialize};
@@ -45,20 +46,16 @@ impl LossWeights {
     /// Checks every weight.
     ///
     /// # Errors
-    /// [`Error::Config`] naming the first one that is not a number of at least 0.
+    /// [`Error::Config`](crate::Error::Config) naming the first one that is not a number of at least 0.
     pub fn validate(&self) -> Result<()> {
         let Self { psnr, display, log, gradient, lpips } = *self;
-        let weights = [
+        config::weights([
             ("loss.psnr", psnr),
             ("loss.display", display),
             ("loss.log", log),
             ("loss.gradient", gradient),
             ("loss.lpips", lpips),
-        ];
-        match weights.into_iter().find(|(_, weight)| !(0.0..=f32::MAX).contains(weight)) {
-            Some((name, _)) => Err(Error::config(name, "must be a number of at least 0")),
-            None => Ok(()),
-        }
+        ])
     }
 }
 

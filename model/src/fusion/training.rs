@@ -57,7 +57,6 @@ pub struct Config {
     /// Weights of the terms of the loss.
     pub loss: LossWeights,
     /// Folder with the weights of LPIPS, or `None` for [`crate::lpips::weights_folder`]. They are read where `loss` has LPIPS.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub lpips_weights: Option<PathBuf>,
     /// Names of the [tiers](batch::TIERS) that are trained and validated; empty for all but
     /// `deferred+keys`, whose pictures no command makes.

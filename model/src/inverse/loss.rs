@@ -2,6 +2,8 @@
 //! albedo, angles of normals, depth up to scale, and mean squares of the material.
 
 use super::head::{OUTPUTS, Pixel};
+use crate::Result;
+use crate::train::config;
 use serde::{Deserialize, Serialize};
 
 /// Weights of the terms of the loss.
@@ -44,6 +46,27 @@ impl Default for LossWeights {
             metallic: 1.5,
             specular: 0.3,
         }
+    }
+}
+
+impl LossWeights {
+    /// Checks every weight.
+    ///
+    /// # Errors
+    /// [`Error::Config`](crate::Error::Config) naming the first one that is not a number of at least 0.
+    pub fn validate(&self) -> Result<()> {
+        config::weights([
+            ("loss.albedo", self.albedo),
+            ("loss.albedo_square", self.albedo_square),
+            ("loss.albedo_gradient", self.albedo_gradient),
+            ("loss.normal", self.normal),
+            ("loss.normal_gradient", self.normal_gradient),
+            ("loss.depth", self.depth),
+            ("loss.depth_gradient", self.depth_gradient),
+            ("loss.roughness", self.roughness),
+            ("loss.metallic", self.metallic),
+            ("loss.specular", self.specular),
+        ])
     }
 }
 

@@ -107,6 +107,7 @@ impl Config {
         self.network.validate()?;
         self.run.validate()?;
         Crop::check(&self.crops, MULTIPLE)?;
+        self.loss.validate()?;
         self.rotation().validate()
     }
 

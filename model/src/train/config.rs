@@ -150,6 +150,14 @@ pub(crate) fn all<const N: usize>(checks: [(&'static str, bool, &'static str); N
     }
 }
 
+/// Checks the weights of the terms of a loss.
+///
+/// # Errors
+/// [`Error::Config`] naming the first one that is not a number of at least 0.
+pub(crate) fn weights<const N: usize>(weights: [(&'static str, f32); N]) -> Result<()> {
+    all(weights.map(|(option, weight)| (option, (0.0..=f32::MAX).contains(&weight), "must be a number of at least 0")))
+}
+
 /// Reads a configuration from a JSON object. Options that the object lacks have their defaults. `upgrade` brings the object of an
 /// older program up to date, and `read` is the derived reader, which needs every option.
 pub(crate) fn over_defaults<'de, D: Deserializer<'de>, C: Default + Serialize>(

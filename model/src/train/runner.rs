@@ -196,7 +196,10 @@ impl<C: TrainingConfig> Runner<'_, C> {
                     cancel.store(true, Ordering::Relaxed);
                 }
                 if share >= 1.0 || stop {
-                    keep(&optimizer, &model, elapsed(), saved)?;
+                    // A run that is stopped before its first step has nothing to keep, and may begin with other options.
+                    if share >= 1.0 || optimizer.steps() > first_step {
+                        keep(&optimizer, &model, elapsed(), saved)?;
+                    }
                     self.context.team.part()?;
                     return Ok(share >= 1.0);
                 }
@@ -245,7 +248,8 @@ impl<C: TrainingConfig> Runner<'_, C> {
                     }
                 }
                 let steps = optimizer.steps();
-                if steps.is_multiple_of(run.log_steps) {
+                // Where every step was left out, there is nothing to log.
+                if steps.is_multiple_of(run.log_steps) && meter.steps > 0 {
                     let record = self.record(&meter, steps, lr, [before, elapsed()], first_step);
                     log.as_mut().map_or(Ok(()), |log| log.append(&record))?;
                     (self.context.progress)(&Progress::Step(record.clone()));

@@ -38,7 +38,10 @@ impl Crop {
                 format!("sizes must be multiples of {multiple} up to 4096, and batches 1..=4096"),
             ));
         }
-        config::all([("crops.from", crops.iter().any(|crop| crop.from <= 0.0), "one kind of crop must begin at 0")])
+        config::all([
+            ("crops.from", crops.iter().all(|crop| (0.0..1.0).contains(&crop.from)), "must be at least 0 and below 1"),
+            ("crops.from", crops.iter().any(|crop| crop.from <= 0.0), "one kind of crop must begin at 0"),
+        ])
     }
 
     /// The kind of crop that is drawn when `share` of the run is done: the one that began last.

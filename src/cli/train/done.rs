@@ -8,6 +8,7 @@ use renderflow_model::train::Team;
 use renderflow_model::train::checkpoint::CheckpointHeader;
 use renderflow_model::train::config::TrainingConfig;
 use safetensors::SafeTensors;
+use std::path::Path;
 
 /// The entry of a checkpoint's metadata that holds its header.
 const HEADER: &str = "renderflow";
@@ -34,6 +35,11 @@ impl Train {
             && config.difference(&old).is_none()
             && learned.as_deref() == data;
         if !same || run.share(step, elapsed) < 1.0 {
+            return Ok(false);
+        }
+        // Weights are written after the checkpoint of their step, so older ones are of an earlier step.
+        let written = |path: &Path| std::fs::metadata(path).and_then(|about| about.modified()).ok();
+        if written(&weights) < written(&checkpoint) {
             return Ok(false);
         }
         if team.leads() {

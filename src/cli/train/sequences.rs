@@ -11,6 +11,7 @@ use renderflow_model::fusion::Record;
 use renderflow_model::fusion::training::Source;
 use renderflow_model::train::sequences::Crop;
 use renderflow_model::train::{Team, TrainingConfig};
+use renderflow_renderer::Settings;
 use renderflow_scenes::procedural::Split;
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -88,6 +89,15 @@ impl Train {
         for (name, share) in shares {
             ensure!((0.0..=1.0).contains(&share), "recipe.{name}: {share} is outside 0..=1");
         }
+        let counts = [("truth_spp", recipe.truth_spp), ("bare_spp", recipe.bare_spp), ("key_spp", recipe.key_spp)];
+        let parts = recipe.samples.iter().flatten().map(|spp| ("samples", *spp));
+        for (name, spp) in counts.into_iter().chain(parts) {
+            ensure!(Settings::SPP.contains(&spp), "recipe.{name}: {spp} is outside {:?}", Settings::SPP);
+        }
+        let (bounces, range) = (recipe.max_bounces, Settings::MAX_BOUNCES);
+        ensure!(range.contains(&bounces), "recipe.max_bounces: {bounces} is outside {range:?}");
+        let frames = recipe.frames > 0 || recipe.bare >= 1.0;
+        ensure!(frames, "recipe.frames: 0 leaves out all frames with samples, so recipe.bare must be 1");
         ensure!(recipe.relit <= Recipe::MOST_LIGHTS, "recipe.relit: {} is outside 0..={}", recipe.relit, Recipe::MOST_LIGHTS);
         Ok(())
     }
@@ -100,12 +110,17 @@ impl Train {
         allowed: &[PathBuf],
         cancel: &Cancel,
     ) -> Result<()> {
+        // A file that is missing is told before anything is rendered.
+        if let Some(path) = self.from.as_deref().filter(|path| *path != Path::new(super::SHIPPED) && !path.is_dir()) {
+            renderflow_frame::file::open(path)?;
+        }
         let done = match &self.plan {
             Some(plan) => self.learn_from_plan(options, plan, team, folder, allowed, cancel),
             None => self.learn_from_dataset(options, self.data()?, team, folder, allowed, cancel),
         };
-        // A render that was cancelled may report any error.
-        done.map_err(|error| if cancel.is_set() { Interrupted.into() } else { error })
+        // A render that was cancelled may report any error of its sequence. What could not be stored must be told.
+        let of_data = |error: &anyhow::Error| matches!(error.downcast_ref(), Some(renderflow_model::Error::Data { .. }));
+        done.map_err(|error| if cancel.is_set() && of_data(&error) { Interrupted.into() } else { error })
     }
 
     fn learn_from_plan<C: Learns>(
@@ -128,6 +143,9 @@ impl Train {
             return Ok(());
         }
         let bars = self.bars(team, options.training.first());
+        if plan.frames < 3 && options.recipe.bare < 1.0 && options.recipe.single < 1.0 {
+            bars.note("sequences of fewer than 3 frames have none between keyframes: of these, only those of recipe.single have samples");
+        }
         let tested = Planned::new(&plan, [counts.train, counts.val], options.training.validation_recipe(&options.recipe), cancel);
         if !tested.denoises() {
             bars.note("OIDN is not found: the network learns from noisy truth");
