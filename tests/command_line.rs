@@ -463,3 +463,23 @@ fn files_follow_the_umask() {
         assert_eq!(std::fs::metadata(&plan).unwrap().permissions().mode() & 0o777, mode, "{umask}");
     }
 }
+
+/// What would have no effect, or no end, is refused before anything is made.
+#[test]
+fn options_without_effect_are_refused() {
+    let folder = Folder::new();
+    let out = folder.at("out");
+    for frames in ["0", "4000000000"] {
+        assert!(fail(&["compose", "--seed", "2", "--frames", frames]).contains("--frames"));
+        assert!(fail(&["render", "--seed", "2", "--frames", frames, "-o", &out]).contains("--frames"));
+    }
+    for budget in [["--time-budget", "1"], ["--target-error", ".01"]] {
+        let said = fail(&[&["render", "--seed", "2", "--spp", "3", "-o", &out][..], &budget].concat());
+        assert!(said.contains("cannot be used with") && said.contains("--spp"), "{said}");
+    }
+    for scene in [["--hdri", "nonsense.hdr"], ["--set", "materials/0/roughness=7"], ["--camera", "99"]] {
+        let said = fail(&[&["edit", "--resolution", "16", "--steps", "1", "--methods", "ibl", "-o", &out][..], &scene].concat());
+        assert!(said.contains("--sweep"), "{said}");
+    }
+    assert!(!folder.path("out").exists());
+}

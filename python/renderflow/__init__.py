@@ -8,8 +8,8 @@
     frame.display()      # uint8, ready for PIL or matplotlib
 
 Pictures are float32 arrays of shape (height, width, 3), scene-linear unless a function says otherwise. Row 0 is at the top. The
-world has +Y up and metres; camera space has +x right, +y up and +z to the viewer. Functions release the interpreter's lock while
-they work, use every core, and stop at Ctrl-C.
+world has +Y up and metres; camera space has +x right, +y up and +z to the viewer. Renders, denoisers and metrics release the
+interpreter's lock. Renders use every core and stop at Ctrl-C. Reading weights and describing a scene keep the lock.
 """
 
 from __future__ import annotations
@@ -209,8 +209,8 @@ def render(
 
     ``spp`` is the number of samples per pixel, 1 to 2**24. ``denoise`` is "auto" (OIDN where it is found), "oidn", "neural" (the
     network inside the program, for up to 32 samples), or "none". ``distance`` adds the Euclidean distance to the planar depth.
-    Other keyword arguments are settings of the renderer by their names in plans, such as ``light_groups``, ``irradiance`` and
-    ``branches``. Raises :class:`Error` where the frame takes more memory than there is.
+    Other keyword arguments are settings of the renderer, such as ``light_groups``, ``irradiance`` and ``branches``;
+    ``budget="average"`` is what plans call ``adaptive``. Raises :class:`Error` where the frame takes more memory than there is.
 
     Returns a :class:`Frame`: a dict of arrays. The same arguments give the same bytes on every machine with the same kind of
     processor, for any number of threads.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import re
@@ -75,6 +76,8 @@ def shards(folder: str | os.PathLike[str], split: str = "train") -> list[Shard]:
     """The shards of a split that hold frames. Raises ``ValueError`` where the folder has no such split."""
     root = Path(folder)
     manifest = json.loads((root / "manifest.json").read_text(encoding="utf-8"))
+    if "shards" not in manifest:
+        raise ValueError(f"{root}: is no folder of shards; renderflow dataset pack makes one")
     of_frames = [shard for shard in manifest["shards"] if shard["kind"] == "frames"]
     found = [Shard(root / shard["file"], shard["samples"]) for shard in of_frames if shard["split"] == split]
     if not found:
@@ -89,11 +92,11 @@ def read_shard(path: str | os.PathLike[str], layers: Iterable[str] | None = None
         yield about, read_frame(data, layers)
 
 
-def _samples(path: str | os.PathLike[str]) -> Iterator[tuple[dict[str, Any], bytes]]:
-    """The description and the bytes of every frame: in the file, a frame comes before its description."""
+def _samples(path: str | os.PathLike[str], skip: int = 0) -> Iterator[tuple[dict[str, Any], bytes]]:
+    """The description and the bytes of every frame but the first ``skip``: in the file, a frame comes before its description."""
     data = b""
     with tarfile.open(path, "r:") as archive:  # Without the colon, it would try to decompress first.
-        for member in archive:
+        for member in itertools.islice(archive, 2 * skip, None):
             file = archive.extractfile(member)
             if file is None:
                 continue

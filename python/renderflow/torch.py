@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import random
 from collections.abc import Iterable, Iterator
@@ -102,17 +103,14 @@ class ShardDataset(IterableDataset[dict[str, Any]]):
         epoch = self.epoch
         order = self._order(epoch)
         mine = order[self.rank :: self.world]
-        counts = [sum(shard.samples for shard in mine[w::workers]) for w in range(workers)]
-        # What this process has beyond the others is left out, from the last worker on.
-        excess = sum(counts) - self._least(order)
-        for w in reversed(range(workers)):
-            left_out = min(excess, counts[w])
-            counts[w] -= left_out
-            excess -= left_out
+        # Every worker makes batches of its own. Their shares depend on the common number of samples alone, so all processes get
+        # as many batches.
+        least = self._least(order)
+        begin, end = (least * part // workers for part in (worker, worker + 1))
         rng = random.Random(f"{self.seed} {epoch} {self.rank} {worker} samples")
-        raw = (sample for shard in mine[worker::workers] for sample in data._samples(shard.path))
+        raw = itertools.islice(_from(mine, begin), end - begin)
         chosen = _shuffled(raw, self.buffer, rng) if self.shuffle else raw
-        for _, (about, packed) in zip(range(counts[worker]), chosen):
+        for about, packed in chosen:
             frame = read_frame(packed, self.layers)
             described = {name: about[name] for name in ("key", "exposure", "keyframe")}
             yield {**described, **to_tensors(frame)}
@@ -125,6 +123,14 @@ class ShardDataset(IterableDataset[dict[str, Any]]):
 
     def _least(self, order: list[data.Shard]) -> int:
         return min(sum(shard.samples for shard in order[rank :: self.world]) for rank in range(self.world))
+
+
+def _from(shards: Iterable[data.Shard], skip: int) -> Iterator[Any]:
+    """The samples of shards one after another, without the first ``skip``."""
+    for shard in shards:
+        if skip < shard.samples:
+            yield from data._samples(shard.path, skip)
+        skip = max(0, skip - shard.samples)
 
 
 def _shuffled(samples: Iterator[Any], size: int, rng: random.Random) -> Iterator[Any]:

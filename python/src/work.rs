@@ -3,6 +3,7 @@
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use renderflow::util::cancel::Cancel;
+use std::sync::OnceLock;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::Duration;
@@ -19,9 +20,30 @@ pub fn failed(error: impl Into<anyhow::Error>) -> PyErr {
     Error::new_err(format!("{:#}", error.into()))
 }
 
+/// Refuses work in a process that was forked from one whose threads had started, because they do not live on in it.
+///
+/// # Errors
+/// Says how to start such a process instead.
+fn own_threads() -> PyResult<()> {
+    static FIRST: OnceLock<u32> = OnceLock::new();
+    let own = std::process::id();
+    if *FIRST.get_or_init(|| own) == own {
+        return Ok(());
+    }
+    Err(Error::new_err(
+        "this process was forked from one that had rendered, and has none of its threads; start processes with the method \"spawn\"",
+    ))
+}
+
 /// Does `work` in a thread of its own. Python's signals are handled meanwhile; an exception of theirs, such as
 /// `KeyboardInterrupt`, stops the work and is raised.
 pub fn run<T: Send>(py: Python<'_>, work: impl FnOnce(&Cancel) -> anyhow::Result<T> + Send) -> PyResult<T> {
+    own_threads()?;
+    run_alone(py, work)
+}
+
+/// As [`run`], for work that needs no other threads, which a forked process may do too.
+pub fn run_alone<T: Send>(py: Python<'_>, work: impl FnOnce(&Cancel) -> anyhow::Result<T> + Send) -> PyResult<T> {
     let cancel = Cancel::default();
     let (sender, mut receiver) = mpsc::channel();
     let flag = cancel.clone();

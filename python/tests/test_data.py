@@ -66,6 +66,12 @@ def test_shards_hold_what_folders_hold(folders):
             next(data.read_shard(found[0].path, [absent]))
     with pytest.raises(ValueError, match="no split 'trian', but .*train"):
         data.shards(packed, "trian")
+    with pytest.raises(ValueError, match="is no folder of shards"):
+        data.shards(whole, "train")
+    # From any frame on.
+    keys = [about["key"] for about, _ in data._samples(found[0].path)]
+    for skip in range(found[0].samples + 1):
+        assert [about["key"] for about, _ in data._samples(found[0].path, skip)] == keys[skip:]
 
 
 def test_torch(folders):
@@ -104,11 +110,22 @@ def test_torch(folders):
 def test_processes_share_the_shards_evenly(folders):
     pytest.importorskip("torch")
     from renderflow.torch import ShardDataset
+    from torch.utils.data import DataLoader
 
     _, packed = folders
     count = len(data.shards(packed, "train"))
     ranks = [ShardDataset(packed, "train", rank=rank, world=2) for rank in range(2)]
     seen = [[sample["key"] for sample in dataset] for dataset in ranks]
     assert len(seen[0]) == len(seen[1]) == len(ranks[0]) and not set(seen[0]) & set(seen[1])
+    # A process that gets fewer batches than another would let it wait for ever.
+    for epoch in range(4):
+        for workers in (0, 2, 3):
+            batches = []
+            for dataset in ranks:
+                dataset.set_epoch(epoch)
+                batches.append([batch["key"] for batch in DataLoader(dataset, batch_size=2, num_workers=workers)])
+            assert len(batches[0]) == len(batches[1])
+            seen = [[key for batch in rank for key in batch] for rank in batches]
+            assert len(seen[0]) == len(seen[1]) == len(ranks[0]) and not set(seen[0]) & set(seen[1])
     with pytest.raises(ValueError, match="fewer samples per shard"):
         ShardDataset(packed, "train", rank=0, world=count + 1)

@@ -132,7 +132,9 @@ pub(crate) fn fill_tiles<A: Send, B: Send, C: Send, T: Send>(
         if let Some(seed) = ORDER.get() {
             plots.sort_by_cached_key(|plot| hash::child(seed, (plot.tile.y / TILE * columns + plot.tile.x / TILE) as u64));
         }
-        let run = |plot| (!cancel.load(Ordering::Relaxed)).then(|| work(plot));
+        // Work that sees the request to stop ends early, so that what it made does not count.
+        let going = || !cancel.load(Ordering::Relaxed);
+        let run = |plot| going().then(|| work(plot)).filter(|_| going());
         let results: Vec<Option<T>> = plots.into_par_iter().with_max_len(1).map(run).collect();
         for result in results {
             sum(result.ok_or(Error::Cancelled)?);

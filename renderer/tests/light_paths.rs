@@ -188,6 +188,8 @@ fn so_they_do_under_lamps() {
         ("a point", PunctualKind::Point { intensity: [3.0, 2.0, 1.0] }, above),
         ("a point within glass", PunctualKind::Point { intensity: [1.0, 2.0, 3.0] }, Vec3::new(0.15, 0.4, 0.95)),
         ("a spot", PunctualKind::Spot { intensity: [9.0, 6.0, 3.0], inner: 0.2, outer: 0.7 }, above),
+        // The middle of the ball is outside the cone.
+        ("a spot on a side", PunctualKind::Spot { intensity: [30.0, 20.0, 10.0], inner: 0.2, outer: 0.3 }, above),
         ("one direction", PunctualKind::Directional { irradiance: [3.0, 2.0, 2.0] }, above),
     ];
     for (name, kind, at) in lights {

@@ -1,6 +1,8 @@
 use super::scene::any_resolution;
+use crate::dataset::plan::Plan;
 use crate::util::output;
-use crate::util::ranges::Resolution;
+use crate::util::ranges::{Resolution, within};
+use crate::util::stop;
 use anyhow::Result;
 use clap::Args;
 use renderflow_scenes::procedural::{Composition, Split, compose_one};
@@ -20,7 +22,7 @@ pub struct Compose {
     #[arg(long, value_name = "WxH", default_value = "256", value_parser = any_resolution(), help_heading = "Scene")]
     resolution: Resolution,
     /// Number of frames
-    #[arg(long, default_value_t = 17, help_heading = "Scene")]
+    #[arg(long, default_value_t = 17, value_parser = within(Plan::FRAMES), help_heading = "Scene")]
     frames: u32,
     /// Degrees that an orbiting camera turns from one frame to the next
     #[arg(long, default_value_t = 3.6, help_heading = "Scene")]
@@ -41,7 +43,7 @@ impl Compose {
         match self.out {
             Some(path) => {
                 let text = renderflow_frame::file::json(&path, &scene)?;
-                output::write(&[(path, text)], self.overwrite)
+                stop::hold(|| output::write(&[(path, text)], self.overwrite))
             }
             None => {
                 println!("{}", serde_json::to_string_pretty(&scene)?);

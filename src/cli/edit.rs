@@ -146,7 +146,7 @@ impl Edit {
     fn edits(&self, allowed: &[PathBuf]) -> Result<(Vec<sweep::Edit>, Reach)> {
         if self.sweep.is_empty() {
             ensure!(
-                self.scene.file().is_none() && self.seed.is_none(),
+                self.scene.is_empty() && self.seed.is_none(),
                 "name what changes with --sweep, as in --sweep materials/0/roughness=1..0"
             );
             return Ok((sweep::published(self.resolution.0), Reach::folder(".").allow(allowed)));

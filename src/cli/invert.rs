@@ -7,7 +7,7 @@ use crate::evaluate::inverter::{Inverter, WanOptions};
 use crate::metrics::intrinsics::Buffers;
 use crate::util::cancel::Cancel;
 use crate::util::device;
-use crate::util::output::Claim;
+use crate::util::output::{self, Claim};
 use crate::util::progress::Progress;
 use crate::util::{files, picture};
 use anyhow::{Context, Result, bail, ensure};
@@ -238,7 +238,7 @@ impl Invert {
         let (mut groups, mut single) = (Vec::new(), Vec::new());
         for path in &self.pictures {
             if path.is_dir() {
-                groups.extend(groups_in(path)?);
+                groups.extend(groups_in(path, &self.out)?);
             } else {
                 let name = PathBuf::from(path.file_stem().unwrap_or_default());
                 single.push(Item { name, from: Origin::File(path.clone()) });
@@ -274,10 +274,16 @@ fn frames(sequence: &Sequence) -> Vec<Item<'_>> {
     (0..sequence.len()).map(|index| Item { name: name(index), from: Origin::Sequence(sequence, index) }).collect()
 }
 
-/// The pictures of a folder and of all folders below it, a group for each of them.
-fn groups_in(folder: &Path) -> Result<Vec<Vec<Item<'static>>>> {
+/// The pictures of a folder and of all folders below it, a group for each of them. What an earlier run wrote to `out` is none of
+/// them.
+fn groups_in(folder: &Path, out: &Path) -> Result<Vec<Vec<Item<'static>>>> {
     let mut groups: BTreeMap<PathBuf, Vec<Item>> = BTreeMap::new();
+    let (out, whole) = (output::resolved(out)?, output::resolved(folder)?);
+    let inside = out != whole && out.starts_with(&whole);
     for path in files::walk(folder, &ENDINGS)? {
+        if inside && output::resolved(&path)?.starts_with(&out) {
+            continue;
+        }
         let name = path.strip_prefix(folder).unwrap_or(&path).with_extension("");
         let below = name.parent().unwrap_or(Path::new("")).to_owned();
         groups.entry(below).or_default().push(Item { name, from: Origin::File(path) });

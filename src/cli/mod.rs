@@ -131,7 +131,7 @@ fn run(cli: Cli) -> Result<()> {
         Command::Demo(command) => command.run(&allowed, &cancel),
         Command::Render(command) => command.run(&allowed, &cancel),
         Command::View(command) => command.run(&allowed, &cancel),
-        Command::Compose(command) => command.run(),
+        Command::Compose(command) => stop::at_once(stop::NOTHING_TO_RESUME, || command.run()),
         Command::Check(command) => stop::at_once(stop::NOTHING_TO_RESUME, || command.run(&allowed)),
         Command::Bench { .. } => clap::Error::raw(ErrorKind::InvalidSubcommand, BENCH_MOVED).exit(),
         Command::Stress(command) => command.run(&cancel),

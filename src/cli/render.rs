@@ -58,7 +58,7 @@ pub struct Render {
     seed: Option<u64>,
     /// Number of frames. By default, a scene file keeps its own number, and a model is rendered once; --cameras and --animation
     /// bring theirs. A sequence that is there gets longer
-    #[arg(long, help_heading = "Input")]
+    #[arg(long, value_parser = within(Plan::FRAMES), help_heading = "Input")]
     frames: Option<u32>,
     #[command(flatten)]
     trace: TraceArgs,
@@ -201,11 +201,11 @@ struct AdaptiveArgs {
     #[arg(long)]
     adaptive: bool,
     /// Sample until the estimated relMSE of a frame is this small, with at most --max-spp for each pixel on average
-    #[arg(long, value_name = "RELMSE", value_parser = whole_units::<1_000_000>)]
+    #[arg(long, value_name = "RELMSE", value_parser = whole_units::<1_000_000>, conflicts_with = "spp")]
     target_error: Option<u32>,
     /// Sample for this many seconds a frame, with at most --max-spp for each pixel on average; the frame stores how many samples
     /// each pixel got
-    #[arg(long, value_name = "SECONDS", value_parser = whole_units::<1000>)]
+    #[arg(long, value_name = "SECONDS", value_parser = whole_units::<1000>, conflicts_with = "spp")]
     time_budget: Option<u32>,
     /// Give every pixel the number of samples that it has in this frame (EXR) or this folder of frames; the picture comes out the
     /// same
@@ -373,7 +373,7 @@ impl Render {
                     sampling => format!("{} ({sampling}: {} per pixel)", path.display(), plural(frame.info.spp, "sample")),
                 });
             }
-            written.push(json!({ "file": path, "spp": frame.info.spp, "sampling": frame.info.sampling }));
+            written.push(json!({ "file": path.to_string_lossy(), "spp": frame.info.spp, "sampling": frame.info.sampling }));
             if index == 0 && with_sheet {
                 replace(&sheet, contact::sheet(&frame)?)?;
             }

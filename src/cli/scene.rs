@@ -61,6 +61,13 @@ impl SceneArgs {
         self.file.as_deref().or(self.earlier.as_deref())
     }
 
+    /// Whether nothing is asked of a scene.
+    pub(super) fn is_empty(&self) -> bool {
+        let Self { file, earlier, hdri, hdri_rotation, camera, cameras, animation, set } = self;
+        let files = [file, earlier, cameras].iter().all(|file| file.is_none());
+        files && hdri.is_none() && hdri_rotation.is_none() && camera.is_none() && animation.is_none() && set.is_empty()
+    }
+
     /// The scene to work on, and the files that it may name: in its own folder, in the folders `allowed`, and those that the user
     /// names here.
     pub(super) fn describe(&self, allowed: &[PathBuf], wanted: &Wanted) -> Result<(Scene, Reach)> {

@@ -2,10 +2,11 @@
 
 use super::OpenArgs;
 use super::scene::{SceneArgs, Wanted, any_resolution};
+use crate::dataset::plan::Plan;
 use crate::util::cancel::Cancel;
 use crate::util::console;
 use crate::util::device::DeviceArgs;
-use crate::util::ranges::Resolution;
+use crate::util::ranges::{Resolution, within};
 use crate::view;
 use anyhow::{Result, ensure};
 use clap::Args;
@@ -32,7 +33,7 @@ pub struct View {
     #[arg(long, help_heading = "Input")]
     seed: Option<u64>,
     /// Number of frames; a model has one by default
-    #[arg(long, help_heading = "Input")]
+    #[arg(long, value_parser = within(Plan::FRAMES), help_heading = "Input")]
     frames: Option<u32>,
     /// Columns and rows as WIDTHxHEIGHT, or one number for both
     #[arg(long, value_parser = any_resolution(), help_heading = "Input")]

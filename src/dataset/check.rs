@@ -36,6 +36,8 @@ pub struct Header<'a> {
     pub scene: &'a str,
     /// Seed of its rendering.
     pub seed: u64,
+    /// BLAKE3 of the files that the scene names, where it is known.
+    pub files: Option<&'a str>,
 }
 
 impl Header<'_> {
@@ -45,6 +47,9 @@ impl Header<'_> {
     /// Says what the frame belongs to instead.
     pub fn hold(&self, info: &FrameInfo, camera: &Camera) -> Result<()> {
         ensure!(info.scene_hash == self.scene, "is of another scene ({:.64})", info.scene_hash);
+        if let Some(files) = self.files {
+            info.check_scene(self.scene, files).map_err(anyhow::Error::msg)?;
+        }
         ensure!(info.seed == self.seed, "has the seed {}, the sequence has {}", info.seed, self.seed);
         ensure!(same_camera(&info.camera, camera), "was seen by another camera: it is another frame of the sequence");
         Ok(())

@@ -183,7 +183,7 @@ fn files(found: &mut Findings, plan: &Plan, folder: &Path, record: &Record, dept
         }
     }
     if depth == Depth::Pixels {
-        match check::read(plan, folder, Header { scene: &record.scene, seed: record.seed }) {
+        match check::read(plan, folder, Header { scene: &record.scene, seed: record.seed, files: None }) {
             Ok(reading) => {
                 for (part, reason) in reading.faults {
                     found.add(part, reason);

@@ -307,7 +307,11 @@ impl OpenSequence<'_> {
             let mut frame = frame_file::read(&path)?;
             frame.info.scene_hash.clone_from(&self.loaded.hash);
             if settings.neighbours == Neighbours::Around {
+                // Until then it is as it was traced, as its header says.
                 frame.info.denoiser = None;
+                if frame.raw.is_some() {
+                    frame.beauty.clone_from(&frame.raw);
+                }
             }
             let (bytes, _) = self.job.storage.encode(&path, &frame)?;
             stop::hold(|| file::write_atomic(&path, &bytes))?;

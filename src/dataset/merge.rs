@@ -4,7 +4,7 @@ use super::damage::{self, Depth, Findings};
 use super::manifest::{self, Entry, Leak, Leaks, Listed, Manifest};
 use super::plan::Plan;
 use super::record::Record;
-use crate::dataset::layout::{MANIFEST, RECORD};
+use crate::dataset::layout::{MANIFEST, PLAN, RECORD};
 use crate::util::cancel::Cancel;
 use crate::util::output::Share;
 use crate::util::progress::Progress;
@@ -65,6 +65,10 @@ fn ensure_whole(plan: &Plan, out: &Path, indices: &[u32], found: &[Findings]) ->
 /// the dataset.
 pub fn merge(plan: &Plan, out: &Path, stop: &Cancel) -> Result<Manifest> {
     let _share = Share::new(out)?;
+    if let Ok(own) = Plan::read(&out.join(PLAN)) {
+        let file = out.join(PLAN);
+        ensure!(own == *plan, "{}: the dataset was made from this plan, and --plan names another", file.display());
+    }
     merge_after(plan, out, &HashSet::new(), Depth::Hashes, stop)
 }
 

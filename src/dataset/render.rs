@@ -439,7 +439,7 @@ impl Work<'_> {
 
 /// What the header of every frame of an open sequence must say.
 fn header<'a>(sequence: &'a OpenSequence<'_>) -> Header<'a> {
-    Header { scene: &sequence.loaded.hash, seed: sequence.loaded.seed }
+    Header { scene: &sequence.loaded.hash, seed: sequence.loaded.seed, files: Some(&sequence.loaded.files) }
 }
 
 /// A sequence is in the way that this version of the program would make differently.

@@ -96,7 +96,9 @@ impl SceneSource {
             }
         }
         scene.environment.rotation = self.hdri_rotation.unwrap_or(scene.environment.rotation);
-        if !self.set.is_empty() {
+        if self.set.is_empty() {
+            scene.validate()?;
+        } else {
             scene = apply(&scene, &self.set)?;
             scene.validate().context("set")?;
         }

@@ -106,7 +106,14 @@ impl Statistics {
     /// Counts one frame.
     pub fn add_frame(&mut self, frame: &Frame) {
         let pixels = frame.depth.pixels.len().max(1);
-        self.count(Quantity::Coverage, std::iter::once(frame.alpha.pixels.iter().sum::<f32>() / pixels as f32));
+        // Single precision counts no further than 2^24. Smaller frames keep the sums that their records hold.
+        let alpha = frame.alpha.pixels.iter();
+        let covered = if pixels > 1 << 24 {
+            (alpha.map(|&a| f64::from(a)).sum::<f64>() / pixels as f64) as f32
+        } else {
+            alpha.sum::<f32>() / pixels as f32
+        };
+        self.count(Quantity::Coverage, std::iter::once(covered));
         let hit = |i: &usize| frame.depth.pixels[*i].is_finite();
         let hits: Vec<usize> = (0..frame.depth.pixels.len()).filter(hit).collect();
         self.count(Quantity::Depth, hits.iter().map(|&i| frame.depth.pixels[i]));

@@ -159,7 +159,9 @@ fn repeated(picture: &Rgb, factor: usize) -> Rgb {
 fn fitted(picture: &Rgb) -> Rgb {
     let [least, most] = WIDTHS;
     if picture.width < least {
-        return repeated(picture, least.div_ceil(picture.width.max(1)).min(most / picture.width.max(1)).max(1));
+        // A narrow picture may be very high.
+        let room = (most / picture.width.max(1)).min(4 * most / picture.height.max(1));
+        return repeated(picture, least.div_ceil(picture.width.max(1)).min(room).max(1));
     }
     picture::reduced(picture, most)
 }
@@ -235,6 +237,8 @@ mod tests {
     fn sizes_suit_tiles() {
         let width = |width: usize| fitted(&Image::filled(width, 3, [0.0; 3])).width;
         assert_eq!([1, 16, 200, 256, 480, 4096].map(width), [224, 224, 400, 256, 480, 480]);
+        // A narrow picture that is very high is not made higher.
+        assert_eq!(fitted(&Image::filled(1, 16384, [0.0; 3])).width, 1);
     }
 
     #[test]

@@ -14,6 +14,7 @@ mod session;
 mod stage;
 mod state;
 
+use crate::dataset::job::with_absolute_paths;
 use crate::util::cancel::Cancel;
 use anyhow::Result;
 use renderflow_frame::reach::Reach;
@@ -35,6 +36,8 @@ pub fn serve(
     cancel: &Cancel,
 ) -> Result<()> {
     let loaded = load::load(&scene, reach)?;
+    // What the page saves may lie in any folder.
+    let scene = with_absolute_paths(&scene, reach.base())?;
     let stage = stage::Stage::new(scene, loaded, network)?;
     server::serve(stage, port, opened, cancel)
 }

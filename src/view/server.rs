@@ -119,8 +119,11 @@ async fn stopped(cancel: &Cancel) {
 impl Shared {
     /// Refuses those who do not know the token, and pages of other sites that make the browser ask.
     fn admit(&self, headers: &HeaderMap, token: &str) -> Result<(), StatusCode> {
-        let own =
-            |host: &str| [format!("127.0.0.1:{}", self.port), format!("localhost:{}", self.port)].iter().any(|name| name == host);
+        // Browsers leave out the port that is usual.
+        let own = |host: &str| {
+            let name = host.strip_suffix(&format!(":{}", self.port)).or((self.port == 80).then_some(host));
+            name.is_some_and(|name| ["127.0.0.1", "localhost"].contains(&name))
+        };
         let text = |name| headers.get(name).map(|value: &HeaderValue| value.to_str().unwrap_or("-"));
         if !text(header::HOST).is_some_and(own) {
             return Err(StatusCode::MISDIRECTED_REQUEST);

@@ -48,8 +48,8 @@ impl Default for Options {
 pub enum DenoiseError {
     /// The library was not found, or cannot be loaded.
     #[error(
-        "Open Image Denoise cannot be loaded ({0}); fetch it with `make oidn` or `pip install pyoidn`, or name an installed copy of \
-         version 2 with the environment variable {VARIABLE}"
+        "Open Image Denoise cannot be loaded ({0}); fetch it with `make oidn` (for the Python package, `pip install pyoidn`), or name an \
+         installed copy of version 2 with the environment variable {VARIABLE}"
     )]
     NotFound(&'static str),
     /// OIDN reported an error.

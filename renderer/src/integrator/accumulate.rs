@@ -141,6 +141,10 @@ fn trace<F: Features>(
             let indices = range.start / branches..range.end / branches;
             let count = indices.len() as u32;
             for index in indices {
+                // A pixel may have millions of samples.
+                if cancel.load(Ordering::Relaxed) {
+                    break;
+                }
                 if shots.len() == SHOTS || shots.last().is_some_and(|shot: &Shot| shot.seen != seen) {
                     shoot(&mut shots, &mut places);
                 }

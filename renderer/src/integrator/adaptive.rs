@@ -61,6 +61,8 @@ const MOST: u32 = 1 << 24;
 /// Largest step after the pilot: twice the batches that random numbers and light samples are made in. Steps of 4 made a round as
 /// dear as one of four times the samples.
 const LARGEST_STEP: u32 = 32;
+/// Samples after the smallest round that is worth it, relative to those before.
+const LEAST_ROUND: f64 = 1.05;
 /// The pilot's share where the environment alone is seen.
 const FLOOR_UNSEEN: f64 = 1.0 / 8.0;
 /// Most samples of a pixel, in averages.
@@ -123,7 +125,11 @@ pub(super) fn render(
         plan.counts.clone_from(&target);
         let next = match settings.budget {
             Budget::Uniform | Budget::Average => most,
-            Budget::Error { millionths } => budget * (error(&film) / (f64::from(millionths) * 1e-6)).clamp(0.0, 2.0),
+            Budget::Error { millionths } => {
+                let ratio = error(&film) / (f64::from(millionths) * 1e-6);
+                // Above the target, another round is worth it.
+                if ratio > 1.0 { budget * ratio.clamp(LEAST_ROUND, 2.0) } else { 0.0 }
+            }
             Budget::Time { milliseconds } => {
                 let share = f64::from(milliseconds) * 1e-3 / started.elapsed().as_secs_f64().max(1e-6);
                 budget * share.min(2.0)
@@ -131,7 +137,7 @@ pub(super) fn render(
         };
         let next = next.min(most);
         // Less is not worth a round.
-        if last && settings.budget == Budget::Average || next <= 1.05 * budget {
+        if last && settings.budget == Budget::Average || next < LEAST_ROUND * budget {
             break;
         }
         budget = next;

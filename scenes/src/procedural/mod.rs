@@ -30,6 +30,7 @@ use crate::description::{EnvironmentLight, Object, Scene};
 use crate::draw::Draw;
 use crate::error::{Error, Problem, Result};
 use crate::seed::Seed;
+use crate::validate::MAX_FRAMES;
 use build::Build;
 use glam::Vec3;
 use layout::Context;
@@ -120,8 +121,12 @@ pub struct Used {
 pub fn compose(request: &Request) -> Result<Composed> {
     let knobs = request.composition;
     knobs.check().map_err(invalid)?;
+    // Before anything is made for every frame.
+    if !(1..=MAX_FRAMES).contains(&request.frames) {
+        return Err(invalid(format!("/frames: {} is outside 1..={MAX_FRAMES}", request.frames)));
+    }
     let picker = Picker::new(request.pool, knobs)?;
-    let frames = request.frames.max(1);
+    let frames = request.frames;
     let root = request.seed;
     let kind = draw(&root.child("layout kind", 0), &knobs.layouts.weights());
     let kind_of_camera = draw(&root.child("camera kind", 0), &knobs.cameras.weights());

@@ -23,7 +23,9 @@ pub fn of_frame(settings: &TruthSettings, size: [usize; 2], light_paths: bool, s
     let denoising = if denoises { frame.saturating_add(network) } else { 0 };
     let retained = if denoises && pixels <= KEPT { stays } else { 0 };
     let encoding = frame.saturating_add(retained).saturating_add(all(encoded(settings, storage)));
-    memory.tracing.max(denoising).max(encoding).saturating_add(PROGRAM)
+    // A watched picture is made in parts, which are merged.
+    let parts = if settings.watch.is_some() { 2 } else { 1 };
+    memory.tracing.saturating_mul(parts).max(denoising).max(encoding).saturating_add(PROGRAM)
 }
 
 /// Bytes for each pixel that encoding takes: the channels as they are stored, and the file.

@@ -120,6 +120,16 @@ fn describe(set: &str, folder: &Path, plans: &[(&str, Plan)]) -> Result<SetFile>
 /// When anything is missing or differs.
 pub fn check(folder: &Path, cancel: &Cancel) -> Result<SetFile> {
     let set: SetFile = file::read_json(&folder.join(SET)).context("not a finished test set")?;
+    if let Ok(known) = <TestSet as clap::ValueEnum>::from_str(&set.set, false) {
+        let there: Vec<&str> = set.classes.iter().map(|(name, ..)| name.as_str()).collect();
+        let all: Vec<&str> = known.classes().iter().map(|class| class.name).collect();
+        let folder = folder.display();
+        ensure!(
+            there == all,
+            "{folder}: {SET} has the classes {there:?}, the set {} has {all:?}; testset make makes what is missing",
+            set.set
+        );
+    }
     let mut found = Vec::new();
     for (name, plan_hash, _) in &set.classes {
         let class = folder.join(name);

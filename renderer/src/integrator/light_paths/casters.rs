@@ -207,6 +207,12 @@ impl CausticCasters {
             PathStart::Environment | PathStart::Distant => caster.density(),
             PathStart::Near { light, point, n } => {
                 let (to_center, to_point) = (caster.center - point, at.p - point);
+                // A lamp that sends nothing to the middle of the body begins no light path there.
+                if let LightId::Lamp(number) = light
+                    && scene.lights.irradiance(number, caster.center) == Vec3A::ZERO
+                {
+                    return 0.0;
+                }
                 // What a triangle sends from its other side begins no light path.
                 if n != Vec3A::ZERO && n.dot(to_center) * n.dot(to_point) <= 0.0 {
                     return 0.0;
