@@ -118,6 +118,10 @@ fn methods_without_scores_are_told() {
     let folder = tempfile::tempdir().unwrap();
     let [shot, alone, both] = ["shot", "alone", "both"].map(|name| folder.path().join(name));
     render(&shot, "5", &[]);
+    let path = shot.join("transforms.json");
+    let mut transforms: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    transforms["keyframes"] = json!([]);
+    std::fs::write(&path, transforms.to_string()).unwrap();
     let evaluate =
         |methods: &str, out: &Path| renderflow(&["evaluate", "--data", text(&shot), "--methods", methods, "--out", text(out)]);
     let refused = evaluate("warp-ibl", &alone);

@@ -188,7 +188,7 @@ fn libraries_may_be_named_after_their_materials() {
     assert_eq!(reds("mtllib a.mtl\nusemtl red\nf 1 2 3\nmtllib b.mtl\nusemtl red\nf 1 3 4\n"), [first, second]);
     assert_eq!(reds("mtllib a.mtl\nusemtl blue\nf 1 2 3\nmtllib b.mtl\n"), [blue]);
     // A library that is named again at once is the same one; where two take turns, the last one before a name defines it.
-    assert_eq!(reds("mtllib a.mtl\nmtllib a.mtl\nusemtl red\nf 1 2 3\nmtllib a.mtl\nusemtl red\nf 1 3 4\n"), [first, first]);
+    assert_eq!(reds("mtllib a.mtl\nmtllib a.mtl\nusemtl red\nf 1 2 3\nmtllib a.mtl\nusemtl red\nf 1 3 4\n"), [first]);
     assert_eq!(reds("mtllib a.mtl\nmtllib b.mtl\nmtllib a.mtl\nusemtl red\nf 1 2 3\n"), [first]);
     let long = format!("# {}\nnewmtl red\n", " ".repeat(1 << 20));
     let turns = "mtllib a.mtl\nmtllib b.mtl\n".repeat(8);

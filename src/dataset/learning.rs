@@ -64,8 +64,8 @@ pub struct Recipe {
     pub bare: f64,
     /// Share of the bare sequences, 0..=1, that have keyframes after all.
     pub keyed: f64,
-    /// Share of the sequences that are not bare, 0..=1, whose frames have samples of their own alone, without keyframes and without
-    /// frames around. They take less than half the time of the others, so that a network sees more scenes.
+    /// Share of the sequences that are not bare, 0..=1, whose frames have samples of their own alone, without keyframes and
+    /// without frames around. They take less than half the time of the others, so that a network sees more scenes.
     #[serde(skip_serializing_if = "is_zero")]
     pub single: f64,
     /// Samples for each pixel of the truth of a bare sequence.

@@ -110,9 +110,9 @@ pub fn expose(
     expose_samples(Samples { scene, settings, visible, range: samples, map: None }, progress, cancel)
 }
 
-/// As [`render_with_stats`] with the number of samples of each pixel from `map`. Of `settings.budget`, only what it says about the
-/// filtering of textures and about samples that share a camera ray counts. The [`Frame::samples`] of a picture and its settings
-/// give the same picture again, bit for bit.
+/// As [`render_with_stats`] with the number of samples of each pixel from `map`. Of `settings.budget`, only what it says about
+/// the filtering of textures and about samples that share a camera ray counts. The [`Frame::samples`] of a picture and its
+/// settings give the same picture again, bit for bit.
 ///
 /// # Errors
 /// As [`render_with_stats`], and when the map does not have the picture's size or its counts are outside 1..=2^24 or not

@@ -173,7 +173,8 @@ impl DistantLights {
 mod tests {
     use super::*;
 
-    /// A spot has its intensity on its axis, and half of the base half way between the cosines of its angles, however narrow it is.
+    /// A spot has its intensity on its axis, and half of the base half way between the cosines of its angles, however narrow it
+    /// is.
     #[test]
     fn narrow_spots_are_as_bright_as_wide_ones() {
         for degrees in [60.0_f32, 10.0, 2.0, 1.0, 0.5, 0.2] {

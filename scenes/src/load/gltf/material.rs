@@ -274,8 +274,8 @@ impl<'a> Materials<'a> {
 /// The extension whose materials are told by specular and glossiness.
 const GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
 
-/// Gives a material whose textures are those of specular and glossiness textures of base colour, metallic and roughness. The error
-/// says, in words, that they do not fit.
+/// Gives a material whose textures are those of specular and glossiness textures of base colour, metallic and roughness. The
+/// error says, in words, that they do not fit.
 fn by_glossiness(
     read: &mut Material,
     glossiness: &Glossiness,

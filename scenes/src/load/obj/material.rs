@@ -35,8 +35,8 @@ impl<'a> Libraries<'a> {
         Self { reach, seen: HashSet::new(), last: None, repeated: 0, found: vec![], notes: vec![], error: None }
     }
 
-    /// Reads the library that `mtllib` names, and returns the names of its materials, if it was not the last one that was read. A missing one is noted, a broken one
-    /// becomes an error of [`Self::finish`].
+    /// Reads the library that `mtllib` names, and returns the names of its materials, if it was not the last one that was read. A
+    /// missing one is noted, a broken one becomes an error of [`Self::finish`].
     pub(super) fn read(&mut self, name: &str) -> Vec<String> {
         let mut materials: Vec<tobj::Material> = vec![];
 
