@@ -128,7 +128,7 @@ pub fn describe(json: &str, folder: PathBuf, allowed: Vec<PathBuf>) -> PyResult<
 #[pyfunction]
 pub fn compose(py: Python<'_>, seed: u64, resolution: [u32; 2], frames: u32) -> PyResult<Scene> {
     let source = SceneSource { seed: Some(seed), resolution: Some(resolution), frames: Some(frames), ..SceneSource::default() };
-    work::run_alone(py, move |_| Ok(Scene::new(source.describe(&[])?)))
+    work::run(py, move |_| Ok(Scene::new(source.describe(&[])?)))
 }
 
 /// The keyword arguments of `renderflow.load`.
@@ -157,5 +157,5 @@ pub fn load(py: Python<'_>, asked: Asked) -> PyResult<Scene> {
     let animation = animation.map(|clip| Animation { clip: Some(NameOrNumber::Name(clip)), ..Animation::default() });
     let file = Some(file);
     let source = SceneSource { file, hdri, hdri_rotation, seed, resolution, frames, camera, cameras, animation, set };
-    work::run_alone(py, move |_| Ok(Scene::new(source.describe(&allowed)?)))
+    work::run(py, move |_| Ok(Scene::new(source.describe(&allowed)?)))
 }

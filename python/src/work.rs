@@ -31,7 +31,7 @@ fn own_threads() -> PyResult<()> {
         return Ok(());
     }
     Err(Error::new_err(
-        "this process was forked from one that had rendered, and has none of its threads; start processes with the method \"spawn\"",
+        "this process was forked from one that had used the renderer, and has none of its threads; start processes with the method \"spawn\"",
     ))
 }
 
@@ -39,11 +39,6 @@ fn own_threads() -> PyResult<()> {
 /// `KeyboardInterrupt`, stops the work and is raised.
 pub fn run<T: Send>(py: Python<'_>, work: impl FnOnce(&Cancel) -> anyhow::Result<T> + Send) -> PyResult<T> {
     own_threads()?;
-    run_alone(py, work)
-}
-
-/// As [`run`], for work that needs no other threads, which a forked process may do too.
-pub fn run_alone<T: Send>(py: Python<'_>, work: impl FnOnce(&Cancel) -> anyhow::Result<T> + Send) -> PyResult<T> {
     let cancel = Cancel::default();
     let (sender, mut receiver) = mpsc::channel();
     let flag = cancel.clone();

@@ -1,6 +1,7 @@
 """What the package promises, on small scenes. Run after installing the wheel: pytest python/tests"""
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -302,3 +303,22 @@ def test_the_command_line_is_inside(tmp_path):
     made = command("compose", "--seed", "7", "--out", str(tmp_path / "scene.json"))
     assert made.returncode == 0 and json.loads((tmp_path / "scene.json").read_text())["frames"] >= 1
     assert command("render", "--scene", str(tmp_path / "absent.json"), "--out", str(tmp_path / "o")).returncode == 1
+
+
+def _in_a_fork(seed):
+    try:
+        rf.gbuffer(rf.compose(seed, resolution=16))
+    except rf.Error as error:
+        return str(error)
+    return "rendered"
+
+
+def test_forked_processes_are_refused():
+    if "fork" not in multiprocessing.get_all_start_methods():
+        pytest.skip("there is no fork here")
+    rf.gbuffer(rf.compose(7, resolution=16))
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        assert "spawn" in pool.apply_async(_in_a_fork, (8,)).get(60)
+    for frames in (0, 4_000_000_000):
+        with pytest.raises(rf.Error, match="frames"):
+            rf.compose(7, frames=frames)
