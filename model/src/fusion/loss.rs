@@ -26,14 +26,7 @@ pub struct LossWeights {
     /// Absolute error of the display picture's differences between neighbours.
     pub gradient: f32,
     /// LPIPS of the display picture, with SqueezeNet ([`perceptual`]).
-    #[serde(skip_serializing_if = "is_zero")]
     pub lpips: f32,
-}
-
-/// Configurations from before LPIPS stay as they are.
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_zero(weight: &f32) -> bool {
-    *weight == 0.0
 }
 
 impl Default for LossWeights {

@@ -172,8 +172,8 @@ impl Objective for FusionObjective<'_> {
         let (drawn, tapes): (Vec<_>, Vec<_>) =
             (0..batch.items).into_par_iter().map(|item| batch.picture(item, &fine, &coarse).draw()).unzip();
         let drawn = drawn.concat();
-        let felt = self.lpips.filter(|_| self.loss.lpips > 0.0).map(|lpips| perceptual(lpips, &batch, &drawn, device));
-        let felt = felt.transpose()?;
+        let lpips = self.lpips.filter(|_| self.loss.lpips > 0.0).map(|lpips| perceptual(lpips, &batch, &drawn, device));
+        let lpips = lpips.transpose()?;
         let parts: Vec<_> = tapes
             .par_iter()
             .enumerate()
@@ -182,11 +182,11 @@ impl Objective for FusionObjective<'_> {
                 let range = item * pixels..(item + 1) * pixels;
                 let (drawn, truth) = (&drawn[range.clone()], &batch.truth[range.clone()]);
                 let (loss, mut slopes) = loss(batch.width, picture.pixels, drawn, truth, self.loss);
-                if let Some((_, felt)) = &felt {
+                if let Some((_, of_lpips)) = &lpips {
                     // The derivative of the mean over the batch becomes one of this picture's loss, as the other terms are.
                     let weight = self.loss.lpips * batch.items as f32;
-                    let added = slopes.as_flattened_mut().iter_mut().zip(felt[range].as_flattened());
-                    added.for_each(|(slope, felt)| *slope += weight * felt);
+                    let added = slopes.as_flattened_mut().iter_mut().zip(of_lpips[range].as_flattened());
+                    added.for_each(|(slope, of_lpips)| *slope += weight * of_lpips);
                 }
                 (loss, picture.backward(tape, &slopes))
             })
@@ -207,8 +207,8 @@ impl Objective for FusionObjective<'_> {
         }
         let mut gradients = sum.backward();
         Ok(StepResult {
-            total: mean(|loss| loss.total) + felt.as_ref().map_or(0.0, |(lpips, _)| self.loss.lpips * lpips),
-            terms: felt.map(|(lpips, _)| ("lpips", lpips)).into_iter().collect(),
+            total: mean(|loss| loss.total) + lpips.as_ref().map_or(0.0, |(value, _)| self.loss.lpips * value),
+            terms: lpips.map(|(value, _)| ("lpips", value)).into_iter().collect(),
             squares: vec![(batch.tier(), mean(|loss| loss.display))],
             items: batch.items,
             gradients: parameters::gradients_learning(model, &mut gradients),
@@ -252,8 +252,8 @@ pub fn run(
         Some(start) => start.fitted(&config.network)?.on(&device)?,
     };
     let tiers = config.tiers()?;
-    let felt = config.loss.lpips > 0.0;
-    let lpips = felt.then(|| Lpips::for_loss(config.lpips_weights.as_deref(), &device)).transpose()?;
+    let counts = config.loss.lpips > 0.0;
+    let lpips = counts.then(|| Lpips::for_loss(config.lpips_weights.as_deref(), &device)).transpose()?;
     let runner = Runner { config, data: Some(source.identity()), context };
     std::thread::scope(|scope| {
         let batches = |first_step: u64| {
