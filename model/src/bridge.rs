@@ -1,8 +1,9 @@
 //! Bridge matching in the latents of an autoencoder (RenderFlow, section "Latent-Space Bridge-Matching Training"), and the
 //! logarithmic curve in which networks read radiance.
 
-use crate::kernels;
+use crate::kernels::ln_each;
 use crate::{Error, Result};
+use pulp::{Arch, NullaryFnOnce};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
@@ -18,6 +19,7 @@ pub const MAX_RADIANCE: f32 = 65504.0;
 const SCALE: f32 = 0.455_119_6;
 
 /// Clamps to the range of the curve and of half floats. NaN becomes 0.
+#[inline(always)]
 fn representable(x: f32) -> f32 {
     if x.is_nan() { 0.0 } else { x.clamp(0.0, MAX_RADIANCE) }
 }
@@ -25,9 +27,27 @@ fn representable(x: f32) -> f32 {
 /// Replaces every exposed radiance x by `log1p(8 x) / log1p(8)`, within 1e-6: 0 at 0, and 1 at 1. Values are clamped to
 /// 0..=65504, and NaN becomes 0. It is fastest for a multiple of 16 values.
 pub(crate) fn log_curves(values: &mut [f32]) {
+    Arch::new().dispatch(LogCurves(values));
+}
+
+/// [`log_curves`], to be inlined into code that is compiled for the processor.
+#[inline(always)]
+pub(crate) fn log_curve_each(values: &mut [f32]) {
     values.iter_mut().for_each(|v| *v = 8.0f32.mul_add(representable(*v), 1.0));
-    kernels::ln(values);
+    ln_each(values);
     values.iter_mut().for_each(|v| *v *= SCALE);
+}
+
+/// [`log_curve_each`], compiled for the processor.
+struct LogCurves<'a>(&'a mut [f32]);
+
+impl NullaryFnOnce for LogCurves<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        log_curve_each(self.0);
+    }
 }
 
 /// Derivative of the sRGB transfer function at x > 0.

@@ -4,14 +4,15 @@
 use super::graph::MULTIPLE;
 use super::head::Picture;
 use super::record::{
-    ALL_BEFORE, AROUND, CHANNELS, Groups, KEYS, NEIGHBOURS, PARTS, PixelInputs, Record, Selection, Stored, at, push_channels,
-    radiance,
+    ALL_BEFORE, AROUND, CHANNELS, Groups, KEYS, MOST_CHANNELS, NEIGHBOURS, PARTS, PixelInputs, Record, Selection, Stored, at,
+    channels_of, radiance,
 };
 use crate::data::step_rng;
 use crate::train::Share;
 use crate::train::sequences::Crop;
 use crate::{Error, Result};
 use half::f16;
+use pulp::{Arch, NullaryFnOnce};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
@@ -257,7 +258,7 @@ impl Batch {
 
     /// A batch of one crop. Outside the record, its last row and column are repeated.
     pub fn of<T: Stored>(record: &Record<T>, window: Window, selection: &Selection, augmentation: &Augmentation) -> Self {
-        let Window { x, y, width, height } = window;
+        let Window { width, height, .. } = window;
         debug_assert!(width.is_multiple_of(MULTIPLE) && height.is_multiple_of(MULTIPLE));
         let channels = selection.groups.channels();
         let mut pixels = vec![PixelInputs::default(); width * height];
@@ -267,31 +268,7 @@ impl Batch {
         let rows =
             (pixels.par_chunks_mut(2 * width), truth.par_chunks_mut(2 * width), input.par_chunks_mut(2 * width * channels));
         rows.into_par_iter().enumerate().for_each(|(pair, (pixels, truth, input))| {
-            let mut stored = [0.0; at::COUNT];
-            let mut read = Vec::with_capacity(channels);
-            let changed = *augmentation != Augmentation::NONE;
-            for i in 0..2 * width {
-                let (column, row) = (i % width, i / width);
-                let (across, down) = augmentation.source((column, 2 * pair + row), (width, height));
-                let (source, line) = ((x + across).min(record.width - 1), (y + down).min(record.height - 1));
-                T::read(&record.pixels[(line * record.width + source) * at::COUNT..][..at::COUNT], &mut stored);
-                if changed {
-                    augmentation.apply(&mut stored);
-                }
-                pixels[i] = PixelInputs::new(&stored, selection);
-                truth[i] = [stored[at::TRUTH], stored[at::TRUTH + 1], stored[at::TRUTH + 2]];
-                read.clear();
-                push_channels(&stored, &pixels[i], selection, &mut read);
-                let (block, sub) = (column / 2, row * 2 + column % 2);
-                let (mut from, mut to) = (0, 4 * channels * block);
-                for (count, given) in CHANNELS.into_iter().zip(selection.groups.flags()) {
-                    if given {
-                        input[to + sub * count..][..count].copy_from_slice(&read[from..from + count]);
-                        from += count;
-                        to += 4 * count;
-                    }
-                }
-            }
+            Arch::new().dispatch(Blocks { record, window, selection, augmentation, pair, pixels, truth, input });
         });
         Self { items: 1, width, height, groups: selection.groups, input, pixels, truth }
     }
@@ -310,6 +287,55 @@ impl Batch {
             groups: self.groups,
             fine: part(fine),
             coarse: part(coarse),
+        }
+    }
+}
+
+/// One row of blocks of a batch of one crop.
+struct Blocks<'a, T> {
+    record: &'a Record<T>,
+    window: Window,
+    selection: &'a Selection,
+    augmentation: &'a Augmentation,
+    /// Number of the row.
+    pair: usize,
+    pixels: &'a mut [PixelInputs],
+    truth: &'a mut [[f32; 3]],
+    input: &'a mut [f32],
+}
+
+impl<T: Stored> NullaryFnOnce for Blocks<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { record, window, selection, augmentation, pair, pixels, truth, input } = self;
+        let Window { x, y, width, height } = window;
+        let channels = selection.groups.channels();
+        let mut stored = [0.0; at::COUNT];
+        let mut read = [0.0; MOST_CHANNELS];
+        let amounts = selection.amounts();
+        let changed = *augmentation != Augmentation::NONE;
+        for i in 0..2 * width {
+            let (column, row) = (i % width, i / width);
+            let (across, down) = augmentation.source((column, 2 * pair + row), (width, height));
+            let (source, line) = ((x + across).min(record.width - 1), (y + down).min(record.height - 1));
+            T::read(&record.pixels[(line * record.width + source) * at::COUNT..][..at::COUNT], &mut stored);
+            if changed {
+                augmentation.apply(&mut stored);
+            }
+            pixels[i] = PixelInputs::new(&stored, selection);
+            truth[i] = [stored[at::TRUTH], stored[at::TRUTH + 1], stored[at::TRUTH + 2]];
+            channels_of(&stored, &pixels[i], selection, &amounts, &mut read);
+            let (block, sub) = (column / 2, row * 2 + column % 2);
+            let (mut from, mut to) = (0, 4 * channels * block);
+            for (count, given) in CHANNELS.into_iter().zip(selection.groups.flags()) {
+                if given {
+                    input[to + sub * count..][..count].copy_from_slice(&read[from..from + count]);
+                    from += count;
+                    to += 4 * count;
+                }
+            }
         }
     }
 }

@@ -19,8 +19,9 @@ pub use filter::KERNEL;
 
 use super::record::{Groups, KEYS, NEIGHBOURS, PixelInputs, TERMS};
 use crate::bridge::MAX_RADIANCE;
-use crate::kernels;
+use crate::kernels::exp_each;
 use filter::{NOTHING, Scale, filter, four, quarter, taps, unfilter};
+use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
 /// Number of scales.
@@ -98,23 +99,27 @@ struct Mix {
 
 impl Picture<'_> {
     /// The outputs of pixel `i` that every picture has.
+    #[inline(always)]
     fn base(&self, i: usize) -> &[f32] {
         let (block, sub) = self.place(i);
         &self.fine[block * fine(self.groups) + sub * BASE..][..BASE]
     }
 
     /// Index of the first output of pixel `i` that samples add.
+    #[inline(always)]
     fn traced_at(&self, i: usize) -> usize {
         let (block, sub) = self.place(i);
         block * fine(self.groups) + 4 * BASE + sub * TRACED
     }
 
+    #[inline(always)]
     fn merge_at(&self, i: usize) -> usize {
         let (block, sub) = self.place(i);
         block * fine(self.groups) + 4 * BASE + 4 * TRACED + KERNEL + sub * MERGE
     }
 
     /// Index of the kernel of pixel `i` of a scale in the outputs of that scale.
+    #[inline(always)]
     fn kernel_at(&self, scale: usize, i: usize) -> usize {
         match scale {
             0 => self.traced_at(i),
@@ -123,12 +128,14 @@ impl Picture<'_> {
         }
     }
 
+    #[inline(always)]
     fn kernel(&self, scale: usize, i: usize) -> &[f32] {
         let outputs = if scale == 2 { self.coarse } else { self.fine };
         &outputs[self.kernel_at(scale, i)..][..KERNEL]
     }
 
     /// The block of 2 x 2 pixels that a pixel is in, and its index in the block.
+    #[inline(always)]
     fn place(&self, i: usize) -> (usize, usize) {
         let (x, y) = (i % self.width, i / self.width);
         ((y / 2) * (self.width / 2) + x / 2, (y % 2) * 2 + x % 2)
@@ -136,6 +143,7 @@ impl Picture<'_> {
 
     /// Weights of the frame's own samples and of its neighbours. Absent neighbours have no coverage, so their weights do not
     /// matter.
+    #[inline(always)]
     fn merging(&self, i: usize) -> [f32; MERGE] {
         if !self.groups.neighbours {
             return std::array::from_fn(|n| if n == 0 { 1.0 } else { 0.0 });
@@ -144,6 +152,7 @@ impl Picture<'_> {
         softmax(std::array::from_fn(|n| logits[n]))
     }
 
+    #[inline(always)]
     fn merged(&self, i: usize) -> [f32; 4] {
         let (pixel, weights) = (&self.pixels[i], self.merging(i));
         let mut sum = pixel.own.map(|v| v * weights[0]);
@@ -155,6 +164,7 @@ impl Picture<'_> {
         sum
     }
 
+    #[inline(always)]
     fn mix(&self, i: usize, scales: &[Scale]) -> Mix {
         let (pixel, outputs) = (&self.pixels[i], self.base(i));
         let (logits, factors) = (&outputs[..CANDIDATES], &outputs[CANDIDATES..CANDIDATES + TERMS]);
@@ -199,6 +209,7 @@ impl Picture<'_> {
     }
 
     /// The blended filtered samples at pixel `i`, divided by the reflectance, and the sum of their weights.
+    #[inline(always)]
     fn filtered(&self, i: usize, shares: &[f32; SCALES], scales: &[Scale]) -> [f32; 4] {
         let mut sum = [0.0; 4];
         for (scale, share) in scales.iter().zip(shares) {
@@ -217,13 +228,8 @@ impl Picture<'_> {
     pub fn draw(&self) -> (Vec<[f32; 3]>, Tape) {
         let mut scales = Vec::new();
         if self.groups.samples {
-            let all = (0..self.pixels.len()).into_par_iter().with_min_len(self.width);
-            scales.push(Scale {
-                width: self.width,
-                height: self.height,
-                merged: all.map(|i| self.merged(i)).collect(),
-                filtered: Vec::new(),
-            });
+            let merged = each_pixel(&Merged(self), self.width, self.pixels.len());
+            scales.push(Scale { width: self.width, height: self.height, merged, filtered: Vec::new() });
             for level in 1..SCALES {
                 let finer = &scales[level - 1];
                 let (width, height) = (finer.width / 2, finer.height / 2);
@@ -231,22 +237,17 @@ impl Picture<'_> {
                 scales.push(Scale { width, height, merged, filtered: Vec::new() });
             }
             for (level, scale) in scales.iter_mut().enumerate() {
-                let all = (0..scale.merged.len()).into_par_iter().with_min_len(scale.width);
-                scale.filtered = all.map(|i| filter(scale, i, self.kernel(level, i))).collect();
+                scale.filtered = each_pixel(&Filtered { picture: self, level, scale }, scale.width, scale.merged.len());
             }
         }
-        let all = (0..self.pixels.len()).into_par_iter().with_min_len(self.width);
-        let pixels = all.map(|i| self.compose(i, &self.mix(i, &scales)).map(|v| v.clamp(0.0, MAX_RADIANCE))).collect();
-        (pixels, Tape { scales })
+        (each_pixel(&Composed { picture: self, scales: &scales }, self.width, self.pixels.len()), Tape { scales })
     }
 
-    /// The picture before it is clamped.
+    /// The colour of a pixel that a surface covers, before it is clamped.
+    #[inline(always)]
     fn compose(&self, i: usize, mix: &Mix) -> [f32; 3] {
         let (pixel, residual) = (&self.pixels[i], &self.base(i)[CANDIDATES + TERMS..]);
         std::array::from_fn(|c| {
-            if pixel.alpha <= 0.0 {
-                return pixel.background[c];
-            }
             let mixed: f32 = mix.candidates.iter().zip(mix.weights).map(|(candidate, weight)| candidate[c] * weight).sum();
             let added = pixel.tint[c] * residual[c] + mix.shine * pixel.reflected[c];
             let value = pixel.alpha * (mixed + added) + (1.0 - pixel.alpha) * pixel.background[c];
@@ -257,7 +258,11 @@ impl Picture<'_> {
     /// The derivatives of a loss with respect to `fine` and `coarse`, given its derivatives with respect to the pixels of
     /// [`Self::draw`].
     pub fn backward(&self, tape: &Tape, slopes: &[[f32; 3]]) -> (Vec<f32>, Vec<f32>) {
-        let scales = &tape.scales;
+        Arch::new().dispatch(Backward { picture: self, scales: &tape.scales, slopes })
+    }
+
+    #[inline(always)]
+    fn propagate(&self, scales: &[Scale], slopes: &[[f32; 3]]) -> (Vec<f32>, Vec<f32>) {
         let mut found = Derivatives {
             fine: vec![0.0; self.fine.len()],
             coarse: vec![0.0; self.coarse.len()],
@@ -340,6 +345,7 @@ impl Picture<'_> {
 
     /// Propagates `d`, the derivative with respect to the blended samples of pixel `i`, to the filtered samples of each scale and
     /// to the weights of the scales.
+    #[inline(always)]
     fn spread(&self, i: usize, mix: &Mix, d: [f32; 3], scales: &[Scale], found: &mut Derivatives) {
         let blended = self.filtered(i, &mix.scales, scales);
         if blended[3] <= NOTHING {
@@ -367,7 +373,106 @@ impl Picture<'_> {
     }
 }
 
+/// What is computed for every pixel of a picture or a scale. All that it calls is inlined, so that it is compiled for the
+/// processor.
+trait Pixels: Sync {
+    type Value: Clone + Default + Send;
+    fn at(&self, i: usize) -> Self::Value;
+}
+
+/// `what` for the first `count` pixels, in rows of `width`.
+fn each_pixel<P: Pixels>(what: &P, width: usize, count: usize) -> Vec<P::Value> {
+    let mut values = vec![P::Value::default(); count];
+    let rows = values.par_chunks_mut(width.max(1)).enumerate();
+    rows.for_each(|(y, row)| Arch::new().dispatch(Row { what, first: y * width, row }));
+    values
+}
+
+/// The pixels of a row, from the pixel `first` on.
+struct Row<'a, P: Pixels> {
+    what: &'a P,
+    first: usize,
+    row: &'a mut [P::Value],
+}
+
+impl<P: Pixels> NullaryFnOnce for Row<'_, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for (x, value) in self.row.iter_mut().enumerate() {
+            *value = self.what.at(self.first + x);
+        }
+    }
+}
+
+/// The samples of a pixel and of its neighbours, blended.
+struct Merged<'a>(&'a Picture<'a>);
+
+impl Pixels for Merged<'_> {
+    type Value = [f32; 4];
+
+    #[inline(always)]
+    fn at(&self, i: usize) -> [f32; 4] {
+        self.0.merged(i)
+    }
+}
+
+/// The filtered samples of a scale.
+struct Filtered<'a> {
+    picture: &'a Picture<'a>,
+    level: usize,
+    scale: &'a Scale,
+}
+
+impl Pixels for Filtered<'_> {
+    type Value = [f32; 4];
+
+    #[inline(always)]
+    fn at(&self, i: usize) -> [f32; 4] {
+        // At the finest scale, only the pixel itself reads this.
+        if self.level == 0 && self.picture.pixels[i].alpha <= 0.0 {
+            return [0.0; 4];
+        }
+        filter(self.scale, i, self.picture.kernel(self.level, i))
+    }
+}
+
+/// The picture.
+struct Composed<'a> {
+    picture: &'a Picture<'a>,
+    scales: &'a [Scale],
+}
+
+impl Pixels for Composed<'_> {
+    type Value = [f32; 3];
+
+    #[inline(always)]
+    fn at(&self, i: usize) -> [f32; 3] {
+        let pixel = &self.picture.pixels[i];
+        let value = if pixel.alpha > 0.0 { self.picture.compose(i, &self.picture.mix(i, self.scales)) } else { pixel.background };
+        value.map(|v| v.clamp(0.0, MAX_RADIANCE))
+    }
+}
+
+/// [`Picture::propagate`], compiled for the processor.
+struct Backward<'a> {
+    picture: &'a Picture<'a>,
+    scales: &'a [Scale],
+    slopes: &'a [[f32; 3]],
+}
+
+impl NullaryFnOnce for Backward<'_> {
+    type Output = (Vec<f32>, Vec<f32>);
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        self.picture.propagate(self.scales, self.slopes)
+    }
+}
+
 /// Softmax. The result is 0 if every logit is minus infinity.
+#[inline(always)]
 fn softmax<const N: usize>(logits: [f32; N]) -> [f32; N] {
     let most = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     if most == f32::NEG_INFINITY {
@@ -379,10 +484,11 @@ fn softmax<const N: usize>(logits: [f32; N]) -> [f32; N] {
 }
 
 /// Exponentials of at most 16 numbers. Minus infinity gives 0.
+#[inline(always)]
 fn exp<const N: usize>(of: [f32; N]) -> [f32; N] {
     let mut values = [0.0; 16];
     values[..N].copy_from_slice(&of);
-    kernels::exp(&mut values);
+    exp_each(&mut values);
     std::array::from_fn(|i| if of[i] == f32::NEG_INFINITY { 0.0 } else { values[i] })
 }
 

@@ -1,6 +1,6 @@
 //! Records: the numbers that are known about each pixel of a frame, and the channels that the network reads from them.
 
-use crate::bridge::{MAX_RADIANCE, log_curves};
+use crate::bridge::{MAX_RADIANCE, log_curve_each};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use renderflow_frame::ibl;
@@ -191,11 +191,17 @@ impl Selection {
     pub fn spp(&self) -> f32 {
         self.parts.iter().sum()
     }
+
+    /// The samples of the frame itself and of its neighbours, for [`channels_of`].
+    pub fn amounts(&self) -> [Amount; 1 + NEIGHBOURS] {
+        std::array::from_fn(|n| Amount::of(if n == 0 { self.spp() } else { self.neighbours[n - 1] }))
+    }
 }
 
 /// Reflectance of a surface of this albedo under uniform light: its diffuse base and the split sum (Karis 2013). On glossy
 /// textured surfaces, samples divided by it vary less than samples divided by the albedo. `stored` holds the numbers of the
 /// pixel.
+#[inline(always)]
 pub fn tint(albedo: [f32; 3], stored: &[f32]) -> [f32; 3] {
     let [_, metallic, specular] = [stored[at::MATERIAL], stored[at::MATERIAL + 1], stored[at::MATERIAL + 2]];
     let f0 = ibl::f0(albedo, metallic, specular);
@@ -229,6 +235,7 @@ pub struct PixelInputs {
 
 impl PixelInputs {
     /// The inputs from the [`at::COUNT`] numbers of a pixel.
+    #[inline(always)]
     pub fn new(stored: &[f32], selection: &Selection) -> Self {
         let three = |from: usize| [stored[from], stored[from + 1], stored[from + 2]];
         let mut pixel = Self {
@@ -291,71 +298,120 @@ impl Stored for f16 {
 /// denoised.
 const COLOURS: usize = TERMS + 1 + KEYS + 3 + NEIGHBOURS + 1;
 
-/// Appends the channels that the network reads from a pixel: [`Groups::channels`] numbers of about -1..=2.
-pub fn push_channels(stored: &[f32], pixel: &PixelInputs, selection: &Selection, out: &mut Vec<f32>) {
+/// Most channels per pixel.
+pub const MOST_CHANNELS: usize = 75;
+const _: () = {
+    let [a, b, c, d, e, f] = CHANNELS;
+    assert!(a + b + c + d + e + f == MOST_CHANNELS);
+};
+
+/// A number of samples per pixel, and the channel that tells it.
+#[derive(Clone, Copy, Debug)]
+pub struct Amount {
+    spp: f32,
+    channel: f32,
+}
+
+impl Amount {
+    fn of(spp: f32) -> Self {
+        Self { spp, channel: 0.3 * (1.0 + spp).ln() }
+    }
+}
+
+/// The channels of a pixel as they are put together.
+struct Channels<'a> {
+    out: &'a mut [f32; MOST_CHANNELS],
+    count: usize,
+    /// Where the colours begin, to which the logarithmic curve is applied in the end.
+    places: [usize; COLOURS],
+    colours: usize,
+}
+
+impl Channels<'_> {
+    #[inline(always)]
+    fn put<const N: usize>(&mut self, values: [f32; N]) {
+        self.out[self.count..self.count + N].copy_from_slice(&values);
+        self.count += N;
+    }
+
+    #[inline(always)]
+    fn colour(&mut self, rgb: [f32; 3]) {
+        self.places[self.colours] = self.count;
+        self.colours += 1;
+        self.put(rgb);
+    }
+
+    /// Samples with their coverage, both times the number of samples.
+    #[inline(always)]
+    fn traced(&mut self, [r, g, b, coverage]: [f32; 4], amount: Amount) {
+        let scale = if coverage > 0.0 { 1.0 / coverage } else { 0.0 };
+        self.colour([r * scale, g * scale, b * scale]);
+        self.put([if amount.spp > 0.0 { coverage / amount.spp } else { 0.0 }, amount.channel]);
+    }
+
+    #[inline(always)]
+    fn curve(&mut self) {
+        let mut curved = [0.0; (3 * COLOURS).next_multiple_of(16)];
+        for (curved, at) in curved.chunks_exact_mut(3).zip(&self.places[..self.colours]) {
+            curved.copy_from_slice(&self.out[*at..at + 3]);
+        }
+        log_curve_each(&mut curved[..(3 * self.colours).next_multiple_of(16)]);
+        for (curved, at) in curved.chunks_exact(3).zip(&self.places[..self.colours]) {
+            self.out[*at..at + 3].copy_from_slice(curved);
+        }
+    }
+}
+
+/// Writes the channels that the network reads from a pixel: [`Groups::channels`] numbers of about -1..=2. `amounts` are those of
+/// the selection.
+#[inline(always)]
+pub fn channels_of(
+    stored: &[f32],
+    pixel: &PixelInputs,
+    selection: &Selection,
+    amounts: &[Amount; 1 + NEIGHBOURS],
+    out: &mut [f32; MOST_CHANNELS],
+) {
     let groups = selection.groups;
-    let covered = pixel.alpha > 0.0;
-    let before = out.len();
-    if !covered {
-        out.resize(before + groups.channels(), 0.0);
+    if pixel.alpha <= 0.0 {
+        out[..groups.channels()].fill(0.0);
         return;
     }
-    // The logarithmic curve is applied to all colours together.
-    let (mut places, mut count) = ([0; COLOURS], 0);
-    let mut colour = |rgb: [f32; 3], out: &mut Vec<f32>| {
-        places[count] = out.len();
-        count += 1;
-        out.extend(rgb);
-    };
-    out.extend_from_slice(&stored[at::ALBEDO..at::BACKGROUND]);
+    let three = |from: usize| [stored[from], stored[from + 1], stored[from + 2]];
+    let mut channels = Channels { out, count: 0, places: [0; COLOURS], colours: 0 };
+    channels.put::<{ at::BACKGROUND }>(std::array::from_fn(|i| stored[at::ALBEDO + i]));
     if groups.deferred {
-        for term in pixel.terms {
-            colour(term, out);
-        }
-        colour([stored[at::SKY], stored[at::SKY + 1], stored[at::SKY + 2]], out);
-        out.extend_from_slice(&stored[at::OPEN..at::OPEN + 3]);
+        pixel.terms.iter().for_each(|term| channels.colour(*term));
+        channels.colour(three(at::SKY));
+        channels.put(three(at::OPEN));
     }
     if groups.keys {
         for k in 0..KEYS {
             let there = pixel.trust[k] > f32::NEG_INFINITY;
             // Dividing by the reflectance removes the texture, which would hide differences.
-            let rgb: [f32; 3] = std::array::from_fn(|c| pixel.keys[k][c] / pixel.tint[c]);
-            colour(rgb, out);
-            out.push(if there { stored[at::KEYS + 4 * k + 3] } else { 0.0 });
-            out.push(if there { 1.0 - 0.5 * selection.ages[k].unwrap_or(OLDEST) } else { 0.0 });
+            channels.colour(std::array::from_fn(|c| pixel.keys[k][c] / pixel.tint[c]));
+            channels.put([
+                if there { stored[at::KEYS + 4 * k + 3] } else { 0.0 },
+                if there { 1.0 - 0.5 * selection.ages[k].unwrap_or(OLDEST) } else { 0.0 },
+            ]);
         }
     }
-    let mut traced = |[r, g, b, coverage]: [f32; 4], spp: f32, light: &[[f32; 3]], out: &mut Vec<f32>| {
-        let scale = if coverage > 0.0 { 1.0 / coverage } else { 0.0 };
-        colour([r, g, b].map(|v| v * scale), out);
-        out.push(if spp > 0.0 { coverage / spp } else { 0.0 });
-        out.push(0.3 * (1.0 + spp).ln());
-        light.iter().for_each(|rgb| colour(*rgb, out));
-    };
     if groups.samples {
-        let lit = [stored[at::LIT], stored[at::LIT + 1], stored[at::LIT + 2]];
+        channels.traced(pixel.own, amounts[0]);
+        channels.colour(three(at::LIT));
         // Divided by the reflectance, as samples are.
-        let reflected = std::array::from_fn(|c| pixel.reflected[c] / pixel.tint[c]);
-        traced(pixel.own, selection.spp(), &[lit, reflected], out);
+        channels.colour(std::array::from_fn(|c| pixel.reflected[c] / pixel.tint[c]));
     }
     if groups.neighbours {
-        for (other, spp) in pixel.others.iter().zip(selection.neighbours) {
-            traced(*other, spp, &[], out);
-        }
+        pixel.others.iter().zip(&amounts[1..]).for_each(|(other, amount)| channels.traced(*other, *amount));
     }
     if let Some(denoised) = pixel.denoised {
-        colour(std::array::from_fn(|c| denoised[c] / pixel.tint[c]), out);
+        channels.colour(std::array::from_fn(|c| denoised[c] / pixel.tint[c]));
     }
-    debug_assert_eq!(out.len() - before, groups.channels());
-    let mut curved = [0.0; (3 * COLOURS).next_multiple_of(16)];
-    for (curved, at) in curved.chunks_exact_mut(3).zip(&places[..count]) {
-        curved.copy_from_slice(&out[*at..at + 3]);
-    }
-    log_curves(&mut curved[..(3 * count).next_multiple_of(16)]);
-    for (curved, at) in curved.chunks_exact(3).zip(&places[..count]) {
-        out[*at..at + 3].copy_from_slice(curved);
-    }
-    for value in &mut out[before..] {
+    channels.curve();
+    let count = channels.count;
+    debug_assert_eq!(count, groups.channels());
+    for value in &mut out[..count] {
         *value = if value.is_finite() { value.clamp(-8.0, 8.0) } else { 0.0 };
     }
 }

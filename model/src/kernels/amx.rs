@@ -230,14 +230,6 @@ impl Tile for AmxBf16 {
     fn exp_and_sum(self, s: &mut [f32]) -> f32 {
         self.vectors.exp_and_sum(s)
     }
-
-    fn exp(self, s: &mut [f32]) {
-        self.vectors.exp(s);
-    }
-
-    fn ln(self, s: &mut [f32]) {
-        self.vectors.ln(s);
-    }
 }
 
 /// Whether the processor has the matrix unit and multiplies in bf16.

@@ -36,9 +36,9 @@ mod tokens;
 mod x86;
 
 pub(crate) use extension::{attention, channel_norm, conv, conv_over_time, decode, rms_norm};
+pub(crate) use tile::{exp_each, ln_each};
 pub(crate) use tokens::{gate, gelu, modulate, turn};
 
-use self::tile::Tile as _;
 use burn::backend::DispatchDevice;
 use burn::tensor::{DType, Device};
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -101,16 +101,6 @@ impl Kernel {
     }
 }
 
-/// Replaces each value, clamped to -87..=87, by its exponential, within 2 ulp; fastest where there are multiples of 16.
-pub(crate) fn exp(values: &mut [f32]) {
-    extension::with_tile!(tile => tile.exp(values));
-}
-
-/// Replaces each value, a normal number above 0, by its natural logarithm; fastest where there are multiples of 16.
-pub(crate) fn ln(values: &mut [f32]) {
-    extension::with_tile!(tile => tile.ln(values));
-}
-
 /// The tile of pairs in bf16, where the processor has the instructions and no other kernel is forced.
 #[cfg(target_arch = "x86_64")]
 fn bf16() -> Option<x86::Avx512Bf16> {
@@ -125,6 +115,15 @@ fn amx() -> Option<amx::AmxBf16> {
     static FOUND: std::sync::OnceLock<Option<amx::AmxBf16>> = std::sync::OnceLock::new();
     let wanted = FORCED.load(Ordering::Relaxed) == Choice::Automatic as u8;
     (*FOUND.get_or_init(amx::AmxBf16::detect)).filter(|_| wanted)
+}
+
+/// The instructions by which [`options::Products::Bf16`] multiplies on this processor; `None` where it multiplies in 32-bit
+/// floats.
+pub fn bf16_instructions() -> Option<&'static str> {
+    #[cfg(target_arch = "x86_64")]
+    return amx().map(|_| "AMX").or_else(|| bf16().map(|_| "AVX-512 BF16"));
+    #[cfg(not(target_arch = "x86_64"))]
+    None
 }
 
 #[cfg(target_arch = "x86_64")]

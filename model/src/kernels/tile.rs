@@ -114,12 +114,6 @@ pub trait Tile: Copy + Send + Sync {
 
     /// Replaces `s` by `exp(s - max(s))` and returns its sum.
     fn exp_and_sum(self, s: &mut [f32]) -> f32;
-
-    /// Replaces each of `s`, clamped to -87..=87, by its exponential.
-    fn exp(self, s: &mut [f32]);
-
-    /// Replaces each of `s`, of at least the least normal number, by its natural logarithm.
-    fn ln(self, s: &mut [f32]);
 }
 
 /// The portable twin of the vector implementations, without `unsafe`. It is the one for processors whose fused
@@ -192,14 +186,6 @@ impl Tile for Scalar {
 
     fn exp_and_sum(self, s: &mut [f32]) -> f32 {
         exp_and_sum(s)
-    }
-
-    fn exp(self, s: &mut [f32]) {
-        exp_each(s);
-    }
-
-    fn ln(self, s: &mut [f32]) {
-        ln_each(s);
     }
 }
 
@@ -312,15 +298,18 @@ pub(super) fn gelu_gradient(x: &[f32], g: &[f32], d: &mut [f32]) {
     }
 }
 
+/// Replaces each value, clamped to -87..=87, by its exponential, within 2 ulp. It must be inlined into code that is compiled for
+/// processors with a fused multiply-add, such as that of `pulp::Arch`. Elsewhere each value takes many calls.
 #[inline(always)]
-pub(super) fn exp_each(s: &mut [f32]) {
+pub(crate) fn exp_each(s: &mut [f32]) {
     for v in s {
         *v = exp(v.clamp(-87.0, 87.0));
     }
 }
 
+/// Replaces each value, a normal number above 0, by its natural logarithm, likewise.
 #[inline(always)]
-pub(super) fn ln_each(s: &mut [f32]) {
+pub(crate) fn ln_each(s: &mut [f32]) {
     for v in s {
         *v = ln(*v);
     }

@@ -98,16 +98,6 @@ macro_rules! instruction_set {
             fn vector_exp_and_sum(s: &mut [f32]) -> f32 {
                 tile::exp_and_sum(s)
             }
-
-            #[target_feature(enable = $features)]
-            fn vector_exp(s: &mut [f32]) {
-                tile::exp_each(s);
-            }
-
-            #[target_feature(enable = $features)]
-            fn vector_ln(s: &mut [f32]) {
-                tile::ln_each(s);
-            }
         }
 
         impl Tile for $name {
@@ -148,16 +138,6 @@ macro_rules! instruction_set {
             fn exp_and_sum(self, s: &mut [f32]) -> f32 {
                 // SAFETY: as in `tile`.
                 unsafe { Self::vector_exp_and_sum(s) }
-            }
-
-            fn exp(self, s: &mut [f32]) {
-                // SAFETY: as in `tile`.
-                unsafe { Self::vector_exp(s) }
-            }
-
-            fn ln(self, s: &mut [f32]) {
-                // SAFETY: as in `tile`.
-                unsafe { Self::vector_ln(s) }
             }
         }
     };

@@ -1,6 +1,6 @@
 //! The filters of the head: kernels of 5 x 5 weights that the network predicts for each pixel, on samples of three scales.
 
-use crate::kernels;
+use crate::kernels::exp_each;
 
 /// Number of weights of a kernel.
 pub const KERNEL: usize = SIDE * SIDE;
@@ -39,6 +39,7 @@ pub fn quarter(finer: &Scale, i: usize, width: usize) -> [f32; 4] {
 }
 
 /// Bilinear taps in a scale for pixel `i` of the full picture, which has `width` columns.
+#[inline(always)]
 pub fn taps(i: usize, width: usize, scale: &Scale) -> [(usize, f32); 4] {
     if scale.width == width {
         return [(i, 1.0), (i, 0.0), (i, 0.0), (i, 0.0)];
@@ -60,7 +61,7 @@ pub fn taps(i: usize, width: usize, scale: &Scale) -> [(usize, f32); 4] {
 }
 
 /// The rows of a kernel around pixel `i` that lie in the picture: first tap, first pixel, and number of pixels.
-#[inline]
+#[inline(always)]
 fn rows(scale: &Scale, i: usize) -> impl Iterator<Item = (usize, usize, usize)> {
     let (x, y) = (i % scale.width, i / scale.width);
     let (left, top) = (x.saturating_sub(REACH), y.saturating_sub(REACH));
@@ -70,17 +71,24 @@ fn rows(scale: &Scale, i: usize) -> impl Iterator<Item = (usize, usize, usize)> 
 }
 
 /// The weights of a kernel, scaled so that the largest is 1.
+#[inline(always)]
 fn weights(kernel: &[f32]) -> [f32; PADDED] {
     let mut weights = [f32::NEG_INFINITY; PADDED];
     weights[..KERNEL].copy_from_slice(&kernel[..KERNEL]);
     weights[KERNEL / 2] += MIDDLE;
-    let most = weights.iter().copied().fold(f32::NEG_INFINITY, |a, b| if b > a { b } else { a });
+    // Sixteen running values, so that the loop vectorises.
+    let mut highest = [f32::NEG_INFINITY; 16];
+    for chunk in weights.as_chunks::<16>().0 {
+        highest.iter_mut().zip(chunk).for_each(|(most, &v)| *most = if v > *most { v } else { *most });
+    }
+    let most = highest.into_iter().fold(f32::NEG_INFINITY, |most, v| if v > most { v } else { most });
     weights.iter_mut().for_each(|v| *v -= most);
-    kernels::exp(&mut weights);
+    exp_each(&mut weights);
     weights
 }
 
 /// The quotient of the weighted sums around pixel `i`, and the weighted coverage that it was divided by.
+#[inline(always)]
 pub fn filter(scale: &Scale, i: usize, kernel: &[f32]) -> [f32; 4] {
     let weights = weights(kernel);
     // A sum for each row, so that none waits for another.
@@ -95,6 +103,7 @@ pub fn filter(scale: &Scale, i: usize, kernel: &[f32]) -> [f32; 4] {
 }
 
 /// Propagates `d`, the derivative with respect to the filtered pixel `i`, to its kernel and to the samples around it.
+#[inline(always)]
 pub fn unfilter(scale: &Scale, i: usize, kernel: &[f32], d: [f32; 3], out: &mut [f32], into: &mut [[f32; 4]]) {
     let filtered = scale.filtered[i];
     if filtered[3] <= NOTHING {
