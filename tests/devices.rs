@@ -25,6 +25,15 @@ fn the_processor_is_the_usual_device() {
     succeed(&["invert", text(&picture), "--out", text(&usual)]);
     succeed(&["invert", text(&picture), "--device", "cpu", "--out", text(&named)]);
     assert!(files(&usual) == files(&named));
+    // 32-bit floats give nearly the same picture, and say so.
+    let exact = folder.path().join("exact");
+    succeed(&["invert", text(&picture), "--device", "cpu:f32", "--out", text(&exact)]);
+    let albedo = |folder: &Path| image::open(folder.join("picture.albedo.png")).unwrap().to_rgb8();
+    assert!(albedo(&usual).iter().zip(albedo(&exact).iter()).all(|(a, b)| a.abs_diff(*b) <= 4));
+    let record: Value = serde_json::from_slice(&std::fs::read(exact.join("invert.json")).unwrap()).unwrap();
+    assert!(record["device"].as_str().unwrap().starts_with("cpu:f32"), "{record}");
+    let said = fail(&["train", "--plan", text(folder.path()), "--device", "cpu:f32", "--out", text(&exact.join("run"))]);
+    assert!(said.contains("products"), "{said}");
     for device in ["gpu", "cpu:1", "vulkan:x", ""] {
         let output = renderflow(&["invert", text(&picture), "--device", device, "--out", text(&folder.path().join("none"))]);
         assert_eq!(output.status.code(), Some(2), "{device}: {}", stderr(&output));
@@ -64,7 +73,7 @@ fn pictures_of_another_device_are_the_same_and_are_not_mixed_in() {
     }
     let picture = picture(folder.path());
     let (cpu, gpu) = (folder.path().join("cpu"), folder.path().join("gpu"));
-    succeed(&["invert", text(&picture), "--out", text(&cpu)]);
+    succeed(&["invert", text(&picture), "--device", "cpu:f32", "--out", text(&cpu)]);
     succeed(&["invert", text(&picture), "--device", "opengl", "--out", text(&gpu)]);
     for buffer in ["albedo", "normal", "material"] {
         let name = format!("picture.{buffer}.png");
@@ -149,7 +158,9 @@ fn every_command_gives_the_same_on_another_device() {
             succeed(&[&command[..], &["--device", device, "--out", text(&out)]].concat());
             (begun.elapsed().as_secs_f64(), out)
         };
-        let ((on_cpu, a), (on_gpu, b)) = (run("cpu"), run(gpu));
+        // A run of training multiplies as its configuration says.
+        let processor = if command.contains(&"train") { "cpu" } else { "cpu:f32" };
+        let ((on_cpu, a), (on_gpu, b)) = (run(processor), run(gpu));
         println!("| `{name}` | {on_cpu:.1} s | {on_gpu:.1} s | {} |", difference(&a, &b));
     }
 }

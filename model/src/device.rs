@@ -4,6 +4,7 @@
 //! feature `vulkan` or `cuda`. There, [`crate::kernels::portable`] composes the operations of a network from burn's own, so that
 //! results differ in their last digits.
 
+use crate::ops::Products;
 use crate::{Error, Result};
 use burn::tensor::Device;
 use serde::Serialize;
@@ -57,14 +58,19 @@ impl Interface {
     }
 }
 
-/// A choice of device. As text: `cpu`, `vulkan`, `cuda`, `auto`, or the second GPU as `vulkan:1` or `cuda:1`.
+/// A choice of device. As text: `cpu`, `cpu:f32`, `vulkan`, `cuda`, `auto`, or the second GPU as `vulkan:1` or `cuda:1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeviceChoice {
     /// The first GPU of this build's interfaces, CUDA before Vulkan; the processor where there is none.
     Auto,
     /// The device with this number, in the order of [`found`]. Without a number, it is the first one.
     This(Interface, Option<usize>),
+    /// The processor, with [`Products::F32`] even where it multiplies faster in bf16.
+    Exact,
 }
+
+/// [`DeviceChoice::Exact`] as text.
+const EXACT: &str = "cpu:f32";
 
 impl Default for DeviceChoice {
     fn default() -> Self {
@@ -101,6 +107,7 @@ impl fmt::Display for DeviceChoice {
             Self::Auto => f.write_str("auto"),
             Self::This(interface, None) => f.write_str(interface.name()),
             Self::This(interface, Some(index)) => write!(f, "{}:{index}", interface.name()),
+            Self::Exact => f.write_str(EXACT),
         }
     }
 }
@@ -109,15 +116,18 @@ impl FromStr for DeviceChoice {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
-        if text == "auto" {
-            return Ok(Self::Auto);
+        match text {
+            "auto" => return Ok(Self::Auto),
+            EXACT => return Ok(Self::Exact),
+            _ => {}
         }
         let (name, index) = text.split_once(':').map_or((text, None), |(name, index)| (name, Some(index)));
         let known = Interface::ALL.into_iter().find(|interface| interface.name() == name);
         let interface = known.ok_or("expected cpu, vulkan, cuda or auto, or the number of a GPU as in vulkan:1")?;
         let Some(index) = index else { return Ok(Self::This(interface, None)) };
         if interface == Interface::Cpu {
-            return Err("the processor has no number; rayon's RAYON_NUM_THREADS sets how many cores are used".into());
+            let reason = "the processor has no number, only cpu:f32; RAYON_NUM_THREADS sets how many cores are used";
+            return Err(reason.into());
         }
         let index = index.parse().map_err(|_| format!("{index:?} is not the number of a GPU, as in {name}:1"))?;
         Ok(Self::This(interface, Some(index)))
@@ -170,10 +180,11 @@ impl NetworkDevice {
             DeviceChoice::Auto => *FIRST.get_or_init(|| first(&found()).unwrap_or_default()),
             this => this,
         };
-        let DeviceChoice::This(interface, index) = choice else { return Ok(Self::cpu()) };
-        if interface == Interface::Cpu {
-            return Ok(Self::cpu());
-        }
+        let (interface, index) = match choice {
+            DeviceChoice::Exact => return Ok(Self { choice, ..Self::cpu() }),
+            DeviceChoice::Auto | DeviceChoice::This(Interface::Cpu, _) => return Ok(Self::cpu()),
+            DeviceChoice::This(interface, index) => (interface, index),
+        };
         let index = index.unwrap_or(0);
         let failed = |reason: String| Error::Device { device: choice.to_string(), reason };
         if let (false, Some(feature)) = (interface.is_built(), interface.feature()) {
@@ -213,7 +224,18 @@ impl NetworkDevice {
 
     /// Whether it is the processor.
     pub fn is_cpu(&self) -> bool {
+        matches!(self.choice, DeviceChoice::This(Interface::Cpu, _) | DeviceChoice::Exact)
+    }
+
+    /// Whether it is the processor as it is by default.
+    pub fn is_default(&self) -> bool {
         self.choice == DeviceChoice::default()
+    }
+
+    /// How convolutions multiply for a picture: in bf16 on the processor unless the choice was [`DeviceChoice::Exact`], and in
+    /// 32-bit floats on GPUs, which would round the sums as well.
+    pub fn products(&self) -> Products {
+        if self.is_default() { Products::Bf16 } else { Products::F32 }
     }
 
     /// Bytes of the largest tensor that it takes.
@@ -369,11 +391,13 @@ mod tests {
 
     #[test]
     fn choices_are_read_as_they_are_written() {
-        for text in ["cpu", "vulkan", "vulkan:0", "vulkan:1", "cuda", "cuda:7", "auto", "opengl"] {
+        for text in ["cpu", "cpu:f32", "vulkan", "vulkan:0", "vulkan:1", "cuda", "cuda:7", "auto", "opengl"] {
             assert_eq!(text.parse::<DeviceChoice>().expect(text).to_string(), text);
         }
         assert_eq!("cuda:0".parse(), Ok(DeviceChoice::This(Interface::Cuda, Some(0))));
-        for text in ["", "gpu", "CPU", "cpu:1", "vulkan:", "vulkan:-1", "vulkan:x", "cuda:1:2", ":1", "auto:1"] {
+        for text in
+            ["", "gpu", "CPU", "cpu:1", "cpu:bf16", "vulkan:f32", "vulkan:", "vulkan:-1", "vulkan:x", "cuda:1:2", ":1", "auto:1"]
+        {
             assert!(text.parse::<DeviceChoice>().is_err(), "{text}");
         }
     }

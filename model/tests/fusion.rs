@@ -15,10 +15,10 @@ use renderflow_frame::{Camera, Environment, Frame, Light};
 use renderflow_model::device::NetworkDevice;
 use renderflow_model::fusion::batch::TIERS;
 use renderflow_model::fusion::fill::{Nearby, Samples};
-use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, at, tint};
+use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, Selection, at, tint};
 use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record};
-#[cfg(feature = "vulkan")]
+use renderflow_model::kernels;
 use renderflow_model::ops::Products;
 use renderflow_model::parameters::Parameter;
 use renderflow_model::train::runner::{Progress, RunContext, Summary, Validation};
@@ -193,7 +193,7 @@ fn apart(a: &[f32], b: &[f32]) -> f32 {
 fn other_devices_render_the_same_picture() {
     let Some(device) = other_device() else { return };
     let record = toy(5);
-    let fusion = Fusion::shipped().unwrap();
+    let fusion = Fusion::shipped().unwrap().with_products(Products::F32);
     let expected = fusion.render(&record).unwrap();
     let found = fusion.to(&device).unwrap().render(&record).unwrap();
     let difference = apart(found.as_flattened(), expected.as_flattened());
@@ -448,6 +448,29 @@ fn count(network: &Fusion) -> usize {
     network.parameters().iter().map(|parameter| parameter.values.len()).sum()
 }
 
+/// Products in bf16 change the picture much less than the network's own error, in every combination of inputs.
+#[test]
+fn products_in_bf16_hardly_change_the_picture() {
+    let record = toy(7);
+    let [exact, rounded] = [Products::F32, Products::Bf16].map(|products| Fusion::shipped().unwrap().with_products(products));
+    for tier in TIERS {
+        let selection = Selection { groups: tier.groups, ..Selection::all(&record) };
+        let [a, b] = [&exact, &rounded].map(|network| network.draw(&record, &selection).unwrap());
+        let squares = a.as_flattened().iter().zip(b.as_flattened()).map(|(a, b)| (a - b) * (a - b));
+        let error = (squares.sum::<f32>() / (3 * a.len()) as f32).sqrt();
+        println!("{}: {error}", tier.name);
+        assert!(error < 2e-3, "{}: {error}", tier.name);
+    }
+    // The processor rounds by default where it has the instructions.
+    let usual = Fusion::shipped().unwrap().render(&record).unwrap();
+    assert!(usual == rounded.render(&record).unwrap());
+    let same = usual == exact.render(&record).unwrap();
+    assert!(same == kernels::bf16_instructions().is_none());
+    let choice = "cpu:f32".parse().expect("a choice");
+    let chosen = Fusion::shipped().unwrap().to(&NetworkDevice::open(choice).unwrap()).unwrap();
+    assert!(chosen.render(&record).unwrap() == exact.render(&record).unwrap());
+}
+
 #[test]
 fn weights_files_come_back_and_hostile_ones_do_not() {
     let folder = tempfile::tempdir().unwrap();
@@ -459,7 +482,8 @@ fn weights_files_come_back_and_hostile_ones_do_not() {
     let record = toy(2);
     assert!(Fusion::load(&path).unwrap().render(&record).unwrap() == network.render(&record).unwrap());
     write(Precision::F16);
-    let (half, whole) = (Fusion::load(&path).unwrap().render(&record).unwrap(), network.render(&record).unwrap());
+    let exactly = |network: Fusion| network.with_products(Products::F32).render(&record).unwrap();
+    let (half, whole) = (exactly(Fusion::load(&path).unwrap()), exactly(network));
     let worst = half.iter().flatten().zip(whole.iter().flatten()).map(|(a, b)| (a - b).abs());
     assert!(worst.fold(0.0, f32::max) < 0.02);
 

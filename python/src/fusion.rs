@@ -167,10 +167,16 @@ impl Batch {
 /// Outputs of the network at half and at quarter size, and pictures.
 type Outputs<'py> = (Bound<'py, PyAny>, Option<Bound<'py, PyAny>>, Bound<'py, PyAny>);
 
-/// The fusion network with its weights.
+/// The fusion network with its weights. It multiplies in single precision on every processor, as PyTorch does.
 #[pyclass(frozen, module = "renderflow")]
 pub struct Network {
     network: Fusion,
+}
+
+impl Network {
+    fn new(network: renderflow_model::Result<Fusion>) -> PyResult<Self> {
+        Ok(Self { network: network.map_err(failed)?.with_products(Products::F32) })
+    }
 }
 
 /// The header of a network of the configuration `config`, which is JSON as in configurations of training.
@@ -184,14 +190,13 @@ impl Network {
     /// Reads a weights file; `None` takes the weights inside the program.
     #[staticmethod]
     fn load(path: Option<PathBuf>) -> PyResult<Self> {
-        let network = path.map_or_else(Fusion::shipped, |path| Fusion::load(&path));
-        Ok(Self { network: network.map_err(failed)? })
+        Self::new(path.map_or_else(Fusion::shipped, |path| Fusion::load(&path)))
     }
 
     /// Random weights, which the program begins with in a run with this seed.
     #[staticmethod]
     fn untrained(config: &str, seed: u64) -> PyResult<Self> {
-        Ok(Self { network: Fusion::fresh(header(config, 0, seed)?).map_err(failed)? })
+        Self::new(Fusion::fresh(header(config, 0, seed)?))
     }
 
     /// The network with the parameters in arrays, whose names and shapes must be those of [`Self::parameters`].
@@ -210,7 +215,7 @@ impl Network {
         if let Some(extra) = arrays.keys().find(|name| parameters.iter().all(|parameter| parameter.name != **name)) {
             return Err(PyValueError::new_err(format!("{extra}: no parameter of this network")));
         }
-        Ok(Self { network: Fusion::with_parameters(fresh.header().clone(), &parameters).map_err(failed)? })
+        Self::new(Fusion::with_parameters(fresh.header().clone(), &parameters))
     }
 
     /// Size of the network, in JSON as in configurations of training.

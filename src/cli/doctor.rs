@@ -5,6 +5,7 @@ use clap::Args;
 use renderflow_model::device::{self, FoundDevice};
 use renderflow_model::fusion::Fusion;
 use renderflow_model::inverse::Inverse;
+use renderflow_model::kernels;
 use renderflow_model::lpips::{Backbone, WEIGHTS_VARIABLE, weights_folder};
 use renderflow_renderer::accel::Level;
 use renderflow_renderer::denoise::{self, Denoiser};
@@ -37,6 +38,8 @@ struct Findings {
     cores: usize,
     /// Widest vector instructions that are used.
     simd: &'static str,
+    /// Instructions by which networks multiply in bf16; `null` where they multiply in 32-bit floats.
+    bf16: Option<&'static str>,
     /// Bytes that this process may still take; `null` where the system does not tell.
     memory: Option<u64>,
     /// Bytes that are free in the current folder; `null` where the system does not tell.
@@ -127,6 +130,7 @@ impl Findings {
             processor: machine::processor(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             simd: Level::best().name(),
+            bf16: kernels::bf16_instructions(),
             memory: machine::available(),
             disk: machine::free_disk(Path::new(".")),
         }
@@ -159,6 +163,7 @@ impl Findings {
             ("LPIPS", lpips),
             ("GPUs", gpus),
             ("processor", format!("{}, {}, {}", self.processor, plural(self.cores, "core"), self.simd)),
+            ("networks", format!("multiply in {}", self.bf16.map_or("32-bit floats".into(), |by| format!("bf16 by {by}")))),
             ("memory", format!("{} available", size(self.memory))),
             ("disk", format!("{} free in the current folder", size(self.disk))),
         ]

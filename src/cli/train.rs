@@ -274,6 +274,12 @@ impl Train {
 
     /// Trains as a process of `team`.
     fn train(&self, team: &Team, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
+        if self.device == Some(DeviceChoice::Exact) {
+            bail!(
+                "a run multiplies as \"products\" of its configuration says, \"f32\" or \"bf16\"; {} is for pictures",
+                DeviceChoice::Exact
+            );
+        }
         let configuration = self.configuration()?;
         let folder = &OutputFolder::new(self.out.as_deref().context("--out is missing")?, team)?;
         DeviceArgs::from(self.device).open()?;

@@ -53,7 +53,7 @@ impl<N: Described> Trained<N> {
     /// When the configuration is invalid.
     pub fn fresh(header: N::Header) -> Result<Self> {
         let device = NetworkDevice::cpu();
-        Ok(Self { network: N::fresh(&header, device.device())?, header, products: Products::F32, device })
+        Ok(Self { network: N::fresh(&header, device.device())?, header, products: device.products(), device })
     }
 
     /// The network with the weights that are built in.
@@ -74,7 +74,7 @@ impl<N: Described> Trained<N> {
         Ok(Self { network: parameters::import(made.network, &values, made.device.device()), ..made })
     }
 
-    /// The same network with another kind of products in its convolutions.
+    /// The same network with another kind of products in its convolutions than [`NetworkDevice::products`].
     pub fn with_products(self, products: Products) -> Self {
         Self { products, ..self }
     }
@@ -89,10 +89,8 @@ impl<N: Described> Trained<N> {
     /// # Errors
     /// When the configuration is invalid.
     pub fn to(self, device: &NetworkDevice) -> Result<Self> {
-        if self.device.is_cpu() && device.is_cpu() {
-            return Ok(self);
-        }
-        Ok(Self { network: self.on(device.device())?, device: device.clone(), ..self })
+        let network = if self.device.is_cpu() && device.is_cpu() { self.network } else { self.on(device.device())? };
+        Ok(Self { network, header: self.header, products: device.products(), device: device.clone() })
     }
 
     /// Whether the header of the file at `path` is one of this network's weights.
