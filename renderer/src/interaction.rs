@@ -92,6 +92,17 @@ impl Interaction {
         FirstHit { albedo: point.surface.base_color, ns: point.ns }
     }
 
+    /// The unit shading normal at `hit`, on the viewer's side, without the normal map.
+    #[inline(always)]
+    pub(crate) fn smooth_normal(scene: &RenderScene, ray: &Ray, hit: &Hit) -> Vec3A {
+        let geometry = &scene.geometry;
+        let wo = -ray.direction;
+        let n = geometry.surface(hit).n;
+        let ns = geometry.shading_normal(hit).unwrap_or(n);
+        let n = if n.dot(wo) >= 0.0 { n } else { -n };
+        face_viewer(if ns.dot(n) < 0.0 { -ns } else { ns }, n, wo)
+    }
+
     /// The point; its roughness, metallic and emission only if `WHOLE`.
     #[inline(always)]
     fn at<F: Features, const WHOLE: bool>(scene: &RenderScene, ray: &Ray, hit: &Hit, cone: Cone) -> Self {

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{camera, check_frame, compile, diffuse, plane, render_with, scene, sphere, sunny};
-use glam::{Affine3A, Vec3, Vec3A};
+use glam::{Affine2, Affine3A, Vec2, Vec3, Vec3A};
 use renderflow_frame::{Environment, Frame, Image};
 use renderflow_renderer::{Channels, Filter, RenderScene, Settings, Skips, Stats, render_gbuffer};
 use renderflow_scenes::loaded::{AlphaMask, Encoding, Texture, Wrap};
@@ -218,5 +218,38 @@ fn plain_pixels_need_no_guide_rays() {
         // A filter wider than the pixel sees beyond its corners.
         let wide = [true, false].map(|plain_pixels| gbuffer(plain_pixels, 16, Filter::BlackmanHarris));
         assert!(wide[0] == wide[1], "{name}");
+    }
+}
+
+/// In a pixel that shows one texture, nine points stand for all rays. Noise of texels is the worst for them: over noise coarser
+/// and finer than pixels, they are no farther from many rays than nine rays are.
+#[test]
+fn nine_points_of_a_texture_are_worth_nine_rays() {
+    let mut state = 1u32;
+    let mut random = || {
+        state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+        (state >> 24) as u8
+    };
+    let texels: Vec<[u8; 4]> = (0..256 * 256).map(|_| [random(), random(), random(), 255]).collect();
+    for repeats in [0.05, 0.2, 1.0, 4.0] {
+        let transform = Affine2::from_scale(Vec2::splat(repeats));
+        let slot = TextureSlot { uv_transform: transform, ..TextureSlot::default() };
+        let ground = Material { base_color_texture: Some(slot), ..diffuse([1.0; 3]) };
+        let parts = vec![(plane(20.0), ground, Affine3A::IDENTITY)];
+        let look = camera([0.0, 2.0, 3.0], [0.0, 0.0, 0.0], 45.0, 48, 40);
+        let mut loaded = scene(parts, Environment::constant([1.0; 3]), look);
+        loaded.textures.push(Texture::from_rgba8("noise", [256; 2], texels.clone(), Encoding::Srgb, [Wrap::Repeat; 2]));
+        let scene = compile(&loaded);
+        let gbuffer = |plain_pixels, guide_samples| {
+            let skips = Skips { plain_pixels, ..Skips::ALL };
+            render_gbuffer(&scene, &Settings { guide_samples, ..settings(skips) }).expect("in range")
+        };
+        let many = gbuffer(false, 4096);
+        let albedo = |frame: &Frame| guide_differences(frame, &many)[1];
+        let (with, without, few) = (gbuffer(true, 16), gbuffer(false, 16), gbuffer(false, 9));
+        let [with_error, error, error_of_few] = [&with, &without, &few].map(albedo);
+        println!("{repeats} repeats: {with_error:.5}; {error:.5} of sixteen rays, {error_of_few:.5} of nine");
+        assert!(with.guide_albedo != without.guide_albedo, "no pixel shows the texture alone");
+        assert!(with_error < 1.1 * error_of_few, "{repeats}");
     }
 }

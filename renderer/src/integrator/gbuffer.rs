@@ -27,6 +27,14 @@ const PLAIN_NORMALS: f32 = 0.25;
 /// Shares of the centre and of each corner in the mean over a plain pixel: exact for polynomials of the third degree.
 const CENTRE_SHARE: f32 = 2.0 / 3.0;
 const CORNER_SHARE: f32 = 1.0 / 12.0;
+/// Columns and rows of the spots in a pixel that shows a texture, and their number.
+const GRID: usize = 3;
+const SPOTS: usize = GRID * GRID;
+/// The share of the pixel that textures are filtered over at each spot, one part of so many. Half of what a spot stands for is
+/// best (docs/measurements/renderer-notes.md, gbuffer).
+const SPOT_SHARES: u32 = 2 * SPOTS as u32;
+/// Guide rays a pixel up to which the spots do not pay.
+const TEXTURED_FROM: u32 = SPOTS as u32;
 /// Guide rays a pixel below which asking whether it is plain does not pay.
 const PLAIN_FROM: u32 = 4;
 
@@ -99,9 +107,21 @@ impl Views {
 #[derive(Clone, Copy)]
 enum Corner {
     Nothing,
-    /// A material whose colour and normal no texture changes, and the shading normal.
-    Plain(usize, Vec3A),
-    Textured,
+    /// A material, and the shading normal without the normal map.
+    Surface(usize, Vec3A),
+    /// A hole is near, so the pixel may see both its edge and what lies behind.
+    Holed,
+}
+
+/// What is known about the guides of a pixel from the rays through its centre and its corners.
+#[derive(Clone, Copy)]
+enum Kind {
+    /// Guide rays must find out.
+    Edge,
+    /// Nothing, or one material without texture: the mean first hit.
+    Plain(Option<FirstHit>),
+    /// One material whose colour or normal differs from point to point.
+    Textured(usize),
 }
 
 /// One pass over the camera rays of a frame.
@@ -164,8 +184,16 @@ impl<F: Features> TilePass<'_, '_, F> {
             self.look_at(points, (&mut hits, &mut passed));
         }
         let mut corners = [Corner::Nothing; (TILE + 1) * (TILE + 1)];
+        let mut kinds = [Kind::Edge; TILE * TILE];
+        let mut spots = [None; SPOTS * TILE * TILE];
         if plain {
-            self.look_at_corners(&seen, &hits, &mut corners);
+            self.look_at_corners(&seen, &mut corners);
+            for at in (0..seen.len()).filter(|at| seen[*at] && !passed[*at]) {
+                kinds[at] = self.kind(at, hits[at].as_ref(), &corners);
+            }
+            if F::TEXTURES && pass.settings.guide_samples > TEXTURED_FROM {
+                self.look_at_spots(&mut kinds[..seen.len()], &hits, &mut spots);
+            }
         }
 
         let mut pixels = Pixels::with_capacity(seen.len());
@@ -181,13 +209,14 @@ impl<F: Features> TilePass<'_, '_, F> {
             if pass.guides {
                 let rays = pass.rays(y * pass.scene.camera().width + x);
                 let found = guides.insert(GuideStatistics::default());
-                let alike = if plain && seen[at] && !passed[at] { self.plain(at, surface.as_ref(), &corners) } else { None };
-                if !seen[at] {
-                    found.push_misses(rays.into());
-                } else if let Some(first) = alike {
-                    found.push_alike(rays.into(), first);
-                } else {
-                    self.push_guides((x, y), rays, found);
+                match kinds[at] {
+                    _ if !seen[at] => found.push_misses(rays.into()),
+                    Kind::Plain(first) => found.push_alike(rays.into(), first),
+                    Kind::Textured(_) if pass.settings.guide_samples > TEXTURED_FROM => {
+                        let first = self.mean_of_spots((x, y), &spots[SPOTS * at..SPOTS * (at + 1)]);
+                        found.push_alike(rays.into(), Some(first));
+                    }
+                    Kind::Textured(_) | Kind::Edge => self.push_guides((x, y), rays, found),
                 }
             }
             let centre = match &surface {
@@ -240,15 +269,13 @@ impl<F: Features> TilePass<'_, '_, F> {
         }
     }
 
-    /// Traces rays through the corners of the pixels that are `seen` and whose `centres` show no texture; neighbours share
-    /// theirs.
+    /// Traces rays through the corners of the pixels that are `seen`; neighbours share theirs.
     #[inline(always)]
-    fn look_at_corners(&mut self, seen: &[bool], centres: &[Option<Hit>], corners: &mut [Corner]) {
+    fn look_at_corners(&mut self, seen: &[bool], corners: &mut [Corner]) {
         let (scene, tile) = (self.pass.scene, self.tile);
         let columns = tile.width + 1;
-        let varies = |hit: &Hit| F::TEXTURES && scene.materials[scene.geometry.material(hit)].varies();
         let mut wanted = [false; (TILE + 1) * (TILE + 1)];
-        for (at, _) in seen.iter().enumerate().filter(|(at, seen)| **seen && !centres[*at].as_ref().is_some_and(varies)) {
+        for (at, _) in seen.iter().enumerate().filter(|(_, seen)| **seen) {
             let first = at / tile.width * columns + at % tile.width;
             for step in [0, 1, columns, columns + 1] {
                 wanted[first + step] = true;
@@ -261,43 +288,84 @@ impl<F: Features> TilePass<'_, '_, F> {
         self.look_at((0..count).map(|at| wanted[at].then(|| point(at))), (&mut hits, &mut passed));
         for (at, hit) in hits.iter().enumerate().take(count) {
             if passed[at] {
-                // The surface with the hole is near, so the pixel may see both it and what lies behind.
-                corners[at] = Corner::Textured;
-                continue;
-            }
-            let Some(hit) = hit else { continue };
-            corners[at] = if varies(hit) {
-                Corner::Textured
-            } else {
-                let material = scene.geometry.material(hit);
+                corners[at] = Corner::Holed;
+            } else if let Some(hit) = hit {
                 let ray = crate::camera::ray(scene.camera(), point(at));
-                Corner::Plain(material, Interaction::guide::<F>(scene, &ray, hit, Cone::default()).ns)
-            };
+                corners[at] = Corner::Surface(scene.geometry.material(hit), Interaction::smooth_normal(scene, &ray, hit));
+            }
         }
     }
 
-    /// Mean first hit over pixel `at` of the tile where its centre and its corners see one material without texture, or nothing
-    /// at all (the inner `None`), and `None` where guide rays must find out.
+    /// What the rays through the centre, which meets `hit`, and the corners of pixel `at` of the tile tell about it.
     #[inline(always)]
-    fn plain(&self, at: usize, centre: Option<&(Hit, Interaction)>, corners: &[Corner]) -> Option<Option<FirstHit>> {
-        let columns = self.tile.width + 1;
-        let first = at / self.tile.width * columns + at % self.tile.width;
+    fn kind(&self, at: usize, hit: Option<&Hit>, corners: &[Corner]) -> Kind {
+        let (scene, tile) = (self.pass.scene, self.tile);
+        let columns = tile.width + 1;
+        let first = at / tile.width * columns + at % tile.width;
         let corners = [0, 1, columns, columns + 1].map(|step| corners[first + step]);
-        let Some((_, centre)) = centre else {
-            return corners.iter().all(|corner| matches!(corner, Corner::Nothing)).then_some(None);
+        let Some(hit) = hit else {
+            let nothing = corners.iter().all(|corner| matches!(corner, Corner::Nothing));
+            return if nothing { Kind::Plain(None) } else { Kind::Edge };
         };
-        let mut ns = centre.ns * CENTRE_SHARE;
+        let point = Vec2::new((tile.x + at % tile.width) as f32 + 0.5, (tile.y + at / tile.width) as f32 + 0.5);
+        let material = scene.geometry.material(hit);
+        let centre = Interaction::smooth_normal(scene, &crate::camera::ray(scene.camera(), point), hit);
+        let mut ns = centre * CENTRE_SHARE;
         for corner in corners {
             match corner {
-                Corner::Plain(material, normal)
-                    if material == centre.material && normal.distance_squared(centre.ns) < PLAIN_NORMALS * PLAIN_NORMALS =>
+                Corner::Surface(seen, normal)
+                    if seen == material && normal.distance_squared(centre) < PLAIN_NORMALS * PLAIN_NORMALS =>
                 {
                     ns += normal * CORNER_SHARE;
                 }
-                _ => return None,
+                _ => return Kind::Edge,
             }
         }
-        Some(Some(FirstHit { albedo: centre.surface.base_color, ns }))
+        let material_there = &scene.materials[material];
+        if F::TEXTURES && material_there.varies() {
+            return Kind::Textured(material);
+        }
+        Kind::Plain(Some(FirstHit { albedo: material_there.surface.base_color, ns }))
+    }
+
+    /// Traces rays through the spots of the pixels that show a texture; the one in the middle is the centre. Where one meets
+    /// something else, the pixel becomes an edge.
+    #[inline(always)]
+    fn look_at_spots(&mut self, kinds: &mut [Kind], centres: &[Option<Hit>], spots: &mut [Option<Hit>]) {
+        let (scene, tile) = (self.pass.scene, self.tile);
+        let point = |i: usize| {
+            let (at, spot) = (i / SPOTS, i % SPOTS);
+            spot_at((tile.x + at % tile.width, tile.y + at / tile.width), spot)
+        };
+        let mut passed = [false; SPOTS * TILE * TILE];
+        let wanted = |i: usize| matches!(kinds[i / SPOTS], Kind::Textured(_)) && i % SPOTS != SPOTS / 2;
+        let points = (0..SPOTS * kinds.len()).map(|i| wanted(i).then(|| point(i)));
+        self.look_at(points, (spots, &mut passed));
+        for (at, kind) in kinds.iter_mut().enumerate() {
+            spots[SPOTS * at + SPOTS / 2] = centres[at];
+            let Kind::Textured(material) = *kind else { continue };
+            let same = |i: usize| !passed[i] && spots[i].as_ref().is_some_and(|hit| scene.geometry.material(hit) == material);
+            if !(SPOTS * at..SPOTS * (at + 1)).all(same) {
+                *kind = Kind::Edge;
+            }
+        }
+    }
+
+    /// Mean first hit over pixel (x, y) by what its spots meet.
+    #[inline(always)]
+    fn mean_of_spots(&self, (x, y): (usize, usize), hits: &[Option<Hit>]) -> FirstHit {
+        let (scene, camera) = (self.pass.scene, self.pass.scene.camera());
+        let cone = Cone::camera(camera, SPOT_SHARES);
+        let mut sum = FirstHit { albedo: Vec3A::ZERO, ns: Vec3A::ZERO };
+        for (spot, hit) in hits.iter().enumerate() {
+            if let Some(hit) = hit {
+                let first = Interaction::guide::<F>(scene, &crate::camera::ray(camera, spot_at((x, y), spot)), hit, cone);
+                sum.albedo += first.albedo;
+                sum.ns += first.ns;
+            }
+        }
+        let share = 1.0 / SPOTS as f32;
+        FirstHit { albedo: sum.albedo * share, ns: sum.ns * share }
     }
 
     /// Adds the first hits of the first `rays` guide rays of pixel (x, y).
@@ -329,6 +397,13 @@ impl<F: Features> TilePass<'_, '_, F> {
         }
         self.stats.camera_rays += u64::from(rays);
     }
+}
+
+/// The image point of a spot of pixel (x, y).
+#[inline(always)]
+fn spot_at((x, y): (usize, usize), spot: usize) -> Vec2 {
+    let part = |i: usize| (i as f32 + 0.5) / GRID as f32;
+    Vec2::new(x as f32 + part(spot % GRID), y as f32 + part(spot / GRID))
 }
 
 impl Pass<'_> {
