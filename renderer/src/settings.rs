@@ -66,7 +66,7 @@ pub struct Settings {
     /// penumbrae. 2 is the best of 1, 2 and 4 on most scenes (docs/measurements/renderer-notes.md, branches).
     pub branches: u32,
     /// Light samples at the first surface behind a camera ray, 1..=64; `None` = 1, 2, 4 or 8 by what some paths of a pilot say of
-    /// this picture (1 where it has few samples). All converge to the same picture. Several pay for themselves on most scenes
+    /// this picture (4 where it has few samples). All converge to the same picture. Several pay for themselves on most scenes
     /// (docs/measurements/renderer-notes.md, light-samples).
     pub light_samples: Option<u32>,
     /// Largest contribution of light that was scattered at two or more surfaces, in any channel, > 0; `None` = no limit, the only

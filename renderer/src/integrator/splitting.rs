@@ -22,9 +22,12 @@ use rayon::prelude::*;
 
 /// Light samples of a camera ray that are tried.
 const CHOICES: [u32; 4] = [1, 2, 4, 8];
-/// Pixels that are asked: fewer say nothing, more say nothing new.
-const FEWEST: usize = 128;
+/// Pixels that are asked: fewer say too little, more say nothing new.
+const FEWEST: usize = 256;
 const MOST: usize = 1024;
+/// Light samples of pictures with too few samples for a pilot. Such pictures are for denoisers
+/// (docs/measurements/renderer-notes.md, light-samples).
+const UNASKED: u32 = 4;
 /// Camera rays of each.
 const RAYS: u32 = 4;
 /// Samples of the picture for each of the pilot, at least.
@@ -60,8 +63,11 @@ fn choose<F: Features>(scene: &RenderScene, settings: &Settings, visible: &Visib
     let (width, height) = (scene.camera().width, scene.camera().height);
     let samples = (width * height) as u64 * u64::from(settings.spp);
     let count = ((samples / (SHARE * 2 * u64::from(RAYS))) as usize).min(MOST);
-    if count < FEWEST || !scene.samples_lights::<F>() || settings.direct != DirectLight::Mis {
+    if !scene.samples_lights::<F>() || settings.direct != DirectLight::Mis {
         return 1;
+    }
+    if count < FEWEST {
+        return UNASKED;
     }
     let seed = hash::child(scene.seed, STREAM);
     // Evenly over the picture, in reading order.
