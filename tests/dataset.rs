@@ -171,6 +171,37 @@ fn a_termination_signal_lets_the_frame_finish() {
     verified(&out);
 }
 
+/// A hangup ends the work like other signals, but not under `nohup`, which ignores it.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_hangup_that_is_ignored_stays_ignored() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = plan(folder.path(), "plan.json", &["--sequences", "2", "--frames", "3", "--resolution", "64", "--spp", "256"]);
+    for (name, script, code) in [("heeded", "exec \"$0\" \"$@\"", 75), ("ignored", "trap '' HUP; exec \"$0\" \"$@\"", 0)] {
+        let out = folder.path().join(name);
+        let mut shell = Command::new("sh");
+        shell.args([
+            "-c",
+            script,
+            env!("CARGO_BIN_EXE_renderflow"),
+            "dataset",
+            "render",
+            "--plan",
+            &plan,
+            "--out",
+            out.to_str().unwrap(),
+        ]);
+        let mut child = shell.stderr(Stdio::null()).stdout(Stdio::null()).spawn().unwrap();
+        let cameras = out.join("train/seq-000000/transforms.json");
+        let begun = Instant::now();
+        while !cameras.is_file() && begun.elapsed() < Duration::from_secs(60) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        assert!(Command::new("kill").args(["-HUP", &child.id().to_string()]).status().unwrap().success());
+        assert_eq!(child.wait().unwrap().code(), Some(code), "{name}");
+    }
+}
+
 #[test]
 fn a_frame_that_fails_is_recorded_and_the_others_go_on() {
     let folder = tempfile::tempdir().unwrap();

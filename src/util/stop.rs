@@ -41,12 +41,13 @@ impl State {
     }
 }
 
-/// Listens for signals. The first one sets the flag.
+/// Listens for interrupts, terminations and hangups. The first one sets the flag. A hangup that was ignored when the process
+/// began stays ignored, as `nohup` wants it.
 pub fn listen() -> Result<Cancel> {
     let flag = Cancel::default();
     state().flag = Some(flag.clone());
     let first = flag.clone();
-    ctrlc::set_handler(move || {
+    on_signals(move || {
         if first.set() {
             std::process::exit(RESUMABLE.into());
         }
@@ -55,6 +56,32 @@ pub fn listen() -> Result<Cancel> {
     })
     .context("cannot listen for interrupts")?;
     Ok(flag)
+}
+
+/// Calls `act` on a thread of its own for every signal.
+#[cfg(unix)]
+fn on_signals(act: impl Fn() + Send + 'static) -> std::io::Result<()> {
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+    let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM])?;
+    if !is_ignored(SIGHUP) {
+        signals.add_signal(SIGHUP)?;
+    }
+    let wait = move || signals.forever().for_each(|_| act());
+    std::thread::Builder::new().name("signals".into()).spawn(wait).map(drop)
+}
+
+/// Whether the process was started with this signal ignored. Only Linux tells.
+#[cfg(unix)]
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
+#[cfg(not(unix))]
+fn on_signals(act: impl FnMut() + Send + 'static) -> Result<(), ctrlc::Error> {
+    ctrlc::set_handler(act)
 }
 
 /// Does `work`, during which the first signal ends the process with exit code `code`. Nothing else may run at that time.
