@@ -2,7 +2,7 @@
 //!
 //! The processor is always there, and every number in the documentation was computed on it. GPUs need a build with the cargo
 //! feature `vulkan` or `cuda`. There, [`crate::kernels::portable`] composes the operations of a network from burn's own, so that
-//! results differ in their last digits.
+//! results differ from those of `cpu:f32` in their last digits.
 
 use crate::ops::Products;
 use crate::{Error, Result};
@@ -123,7 +123,7 @@ impl FromStr for DeviceChoice {
         }
         let (name, index) = text.split_once(':').map_or((text, None), |(name, index)| (name, Some(index)));
         let known = Interface::ALL.into_iter().find(|interface| interface.name() == name);
-        let interface = known.ok_or("expected cpu, vulkan, cuda or auto, or the number of a GPU as in vulkan:1")?;
+        let interface = known.ok_or("expected cpu, cpu:f32, vulkan, cuda or auto, or the number of a GPU as in vulkan:1")?;
         let Some(index) = index else { return Ok(Self::This(interface, None)) };
         if interface == Interface::Cpu {
             let reason = "the processor has no number, only cpu:f32; RAYON_NUM_THREADS sets how many cores are used";

@@ -263,7 +263,7 @@ impl Network {
         ))
     }
 
-    /// The picture of a frame as this program renders it, (height, width, 3), exposed and linear.
+    /// The picture of a frame as this program renders it with the device cpu:f32, (height, width, 3), exposed and linear.
     fn picture<'py>(&self, py: Python<'py>, sequence: &Sequence, frame: usize, variant: &str) -> PyResult<Bound<'py, PyAny>> {
         let (record, selection) = (sequence.record(frame)?, sequence.selection(frame, variant)?);
         let drawn = work::run(py, |_| Ok(self.network.draw(record, &selection)?))?;

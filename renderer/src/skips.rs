@@ -6,7 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 /// What is left out where it cannot matter. Pictures are bit-identical either way, but for
-/// [`Self::feature_sets`] (roundings) and [`Self::flat_environment`] (other noise).
+/// [`Self::feature_sets`] (roundings), [`Self::flat_environment`] (other noise) and [`Self::plain_pixels`] (other guides).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Skips {
@@ -27,7 +27,7 @@ pub struct Skips {
     /// No light samples of an environment that is the same from everywhere. Both ways converge to the same picture.
     pub flat_environment: bool,
     /// No guide rays in pixels whose centre and corners see the same surface, where no beauty is rendered. If it has a texture, a
-    /// grid of nine points in the pixel shows it. What is narrower than a pixel can be missed between them.
+    /// grid of nine points in the pixel shows it in place of 10 to 32 rays. What is narrower than a pixel can be missed between them.
     pub plain_pixels: bool,
 }
 

@@ -143,7 +143,7 @@ struct Train {
     #[arg(long, help_heading = "Training")]
     cache_mib: Option<usize>,
     // A group of options inside of this one would hide from clap whether any option is there.
-    #[arg(long, help = device::HELP, help_heading = "Network")]
+    #[arg(long, help = device::TRAINING, help_heading = "Network")]
     device: Option<DeviceChoice>,
     /// Print the configuration as JSON and exit
     #[arg(long, help_heading = "Output")]
@@ -274,13 +274,10 @@ impl Train {
 
     /// Trains as a process of `team`.
     fn train(&self, team: &Team, allowed: &[PathBuf], cancel: &Cancel) -> Result<()> {
-        if self.device == Some(DeviceChoice::Exact) {
-            bail!(
-                "a run multiplies as \"products\" of its configuration says, \"f32\" or \"bf16\"; {} is for pictures",
-                DeviceChoice::Exact
-            );
-        }
         let configuration = self.configuration()?;
+        if self.device == Some(DeviceChoice::Exact) && !matches!(configuration, Configuration::Wan(_)) {
+            bail!("a run multiplies as \"products\" of its configuration says: \"f32\" or \"bf16\". cpu:f32 is for pictures");
+        }
         let folder = &OutputFolder::new(self.out.as_deref().context("--out is missing")?, team)?;
         DeviceArgs::from(self.device).open()?;
         match configuration {

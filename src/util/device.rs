@@ -4,14 +4,19 @@ use anyhow::Result;
 use clap::Args;
 use renderflow_model::device::{DeviceChoice, NetworkDevice};
 
-/// Help of the option.
-pub const HELP: &str = "Device that networks run on: cpu, vulkan or cuda; auto is the first GPU that is found, or the processor; \
-    vulkan:1 is the second GPU. The processor multiplies in bf16 where it can, and with cpu:f32 in 32-bit floats. GPUs need a build with the feature vulkan or cuda, and `renderflow doctor` lists them";
+/// Help of the option for training, which multiplies as its configuration says.
+pub const TRAINING: &str = "Device that networks run on: cpu, vulkan or cuda; auto is the first GPU that is found, or the \
+    processor; vulkan:1 is the second GPU. GPUs need a build with the feature vulkan or cuda, and `renderflow doctor` lists them";
+
+/// Help of the option for pictures.
+const PICTURES: &str = "Device that networks run on: cpu, vulkan or cuda; auto is the first GPU that is found, or the \
+    processor; vulkan:1 is the second GPU. The processor multiplies in bf16 where it can, and with cpu:f32 in 32-bit floats. \
+    GPUs need a build with the feature vulkan or cuda, and `renderflow doctor` lists them";
 
 /// Where networks run.
 #[derive(Args, Clone, Copy, Debug, Default)]
 pub struct DeviceArgs {
-    #[arg(long, default_value_t, help = HELP, help_heading = "Network")]
+    #[arg(long, default_value_t, help = PICTURES, help_heading = "Network")]
     device: DeviceChoice,
 }
 
@@ -43,7 +48,7 @@ impl DeviceArgs {
     }
 }
 
-/// What a record of results says about the device: results of different devices differ in their last digits. Nothing is said of
+/// What a record of results says about the device: results of different devices differ a little. Nothing is said of
 /// the processor as it is by default.
 pub fn recorded(device: &NetworkDevice) -> Option<String> {
     (!device.is_default()).then(|| device.to_string())

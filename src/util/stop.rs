@@ -42,7 +42,7 @@ impl State {
 }
 
 /// Listens for interrupts, terminations and hangups. The first one sets the flag. A hangup that was ignored when the process
-/// began stays ignored, as `nohup` wants it.
+/// began stays ignored on Linux, as `nohup` wants it.
 pub fn listen() -> Result<Cancel> {
     let flag = Cancel::default();
     state().flag = Some(flag.clone());

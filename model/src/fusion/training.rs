@@ -276,6 +276,9 @@ pub fn run(
 fn save(config: &Config, optimizer: &Optimizer, validation: &[Record<f16>], context: RunContext) -> Result<()> {
     let header = Header { fusion: config.network.clone(), steps: optimizer.steps, seed: config.run.seed };
     let averaged = Fusion::with_parameters(header, &optimizer.averaged())?.to(context.device)?;
+    // On the processor, it is validated as it was trained.
+    let products = if context.device.is_cpu() { config.products } else { context.device.products() };
+    let averaged = averaged.with_products(products);
     averaged.save(&runner::weights_path(&config.run.output), Precision::F16)?;
     if !validation.is_empty() {
         let psnr = validate(&averaged, validation, &config.tiers()?)?;

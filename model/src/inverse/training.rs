@@ -226,6 +226,9 @@ pub fn run(
 fn save(config: &Config, optimizer: &Optimizer, validation: &[Example], context: RunContext) -> Result<()> {
     let header = Header { inverse: config.network.clone(), steps: optimizer.steps, seed: config.run.seed };
     let averaged = Inverse::with_parameters(header, &optimizer.averaged())?.to(context.device)?;
+    // On the processor, it is validated as it was trained.
+    let products = if context.device.is_cpu() { config.products } else { context.device.products() };
+    let averaged = averaged.with_products(products);
     averaged.save(&runner::weights_path(&config.run.output), Precision::F16)?;
     if !validation.is_empty() {
         let validated = validate(&averaged, validation)?;

@@ -84,7 +84,7 @@ impl<N: Described> Trained<N> {
         &self.device
     }
 
-    /// The same network on another device.
+    /// The same network on another device, with the products of that device.
     ///
     /// # Errors
     /// When the configuration is invalid.

@@ -1,4 +1,4 @@
-"""The fusion network in PyTorch: the same weights, the same picture, the same loss as in the program.
+"""The fusion network in PyTorch: the same weights, the same picture (with --device cpu:f32), the same loss as in the program.
 
     from renderflow.fusion import Batches, Fusion, loss
 

@@ -1,5 +1,7 @@
 //! First hits of camera rays: the G-buffer at pixel centres, and guides over the pixel.
 
+mod store;
+
 use super::tracer::{SHOTS, camera_ray_at};
 use super::visible::Visible;
 use crate::accel::{Hit, Scratch};
@@ -19,8 +21,9 @@ use crate::simd;
 use crate::stats::Stats;
 use glam::{DVec2, Vec2, Vec3A};
 use rayon::prelude::*;
-use renderflow_frame::{Environment, Frame, FrameInfo, Image};
+use renderflow_frame::{Environment, Frame};
 use std::sync::atomic::AtomicBool;
+use store::{empty_frame, guide_normal, store, store_guides};
 
 /// Largest difference between the unit normals at the centre and at a corner of a pixel that counts as plain.
 const PLAIN_NORMALS: f32 = 0.25;
@@ -33,8 +36,8 @@ const SPOTS: usize = GRID * GRID;
 /// The share of the pixel that textures are filtered over at each spot, one part of so many. Half of what a spot stands for is
 /// best (docs/measurements/renderer-notes.md, gbuffer).
 const SPOT_SHARES: u32 = 2 * SPOTS as u32;
-/// Guide rays a pixel up to which the spots do not pay.
-const TEXTURED_FROM: u32 = SPOTS as u32;
+/// Numbers of guide rays that the spots stand for: fewer rays take less time, and more know better.
+const SPOTS_FOR: std::ops::RangeInclusive<u32> = SPOTS as u32 + 1..=32;
 /// Guide rays a pixel below which asking whether it is plain does not pay.
 const PLAIN_FROM: u32 = 4;
 
@@ -187,20 +190,21 @@ impl<F: Features> TilePass<'_, '_, F> {
         let mut kinds = [Kind::Edge; TILE * TILE];
         let mut spots = [None; SPOTS * TILE * TILE];
         if plain {
-            self.look_at_corners(&seen, &mut corners);
-            for at in (0..seen.len()).filter(|at| seen[*at] && !passed[*at]) {
+            let asked: Vec<bool> = (0..seen.len()).map(|at| seen[at] && !passed[at] && self.is_even(hits[at].as_ref())).collect();
+            self.look_at_corners(&asked, &mut corners);
+            for at in (0..seen.len()).filter(|at| asked[*at]) {
                 kinds[at] = self.kind(at, hits[at].as_ref(), &corners);
             }
-            if F::TEXTURES && pass.settings.guide_samples > TEXTURED_FROM {
-                self.look_at_spots(&mut kinds[..seen.len()], &hits, &mut spots);
-            }
+            self.look_at_spots(&mut kinds[..seen.len()], &hits, &mut spots);
         }
 
         let mut pixels = Pixels::with_capacity(seen.len());
         for (at, (x, y)) in self.tile.pixels().enumerate() {
             // No closures around these: they would not be inlined, and so be compiled for SSE2 with all that they call.
             let mut surface = None;
-            if let Some(hit) = hits[at] {
+            if pass.centres
+                && let Some(hit) = hits[at]
+            {
                 let ray = crate::camera::ray(pass.scene.camera(), image_point((x, y), 0.5));
                 // One ray stands for the whole pixel here: textures are filtered over it, geometry is not.
                 surface = Some((hit, Interaction::new::<F>(pass.scene, &ray, &hit, Cone::camera(pass.scene.camera(), 1))));
@@ -212,11 +216,11 @@ impl<F: Features> TilePass<'_, '_, F> {
                 match kinds[at] {
                     _ if !seen[at] => found.push_misses(rays.into()),
                     Kind::Plain(first) => found.push_alike(rays.into(), first),
-                    Kind::Textured(_) if pass.settings.guide_samples > TEXTURED_FROM => {
+                    Kind::Textured(_) => {
                         let first = self.mean_of_spots((x, y), &spots[SPOTS * at..SPOTS * (at + 1)]);
                         found.push_alike(rays.into(), Some(first));
                     }
-                    Kind::Textured(_) | Kind::Edge => self.push_guides((x, y), rays, found),
+                    Kind::Edge => self.push_guides((x, y), rays, found),
                 }
             }
             let centre = match &surface {
@@ -269,13 +273,25 @@ impl<F: Features> TilePass<'_, '_, F> {
         }
     }
 
-    /// Traces rays through the corners of the pixels that are `seen`; neighbours share theirs.
+    /// Whether a pixel whose centre meets `hit` may do without guide rays: there are no holes in its material, and no texture
+    /// unless spots can show it.
     #[inline(always)]
-    fn look_at_corners(&mut self, seen: &[bool], corners: &mut [Corner]) {
+    fn is_even(&self, hit: Option<&Hit>) -> bool {
+        let scene = self.pass.scene;
+        hit.is_none_or(|hit| {
+            let material = &scene.materials[scene.geometry.material(hit)];
+            let varies = F::TEXTURES && material.varies();
+            !varies || (material.alpha_mask.is_none() && SPOTS_FOR.contains(&self.pass.settings.guide_samples))
+        })
+    }
+
+    /// Traces rays through the corners of the pixels that are `asked`; neighbours share theirs.
+    #[inline(always)]
+    fn look_at_corners(&mut self, asked: &[bool], corners: &mut [Corner]) {
         let (scene, tile) = (self.pass.scene, self.tile);
         let columns = tile.width + 1;
         let mut wanted = [false; (TILE + 1) * (TILE + 1)];
-        for (at, _) in seen.iter().enumerate().filter(|(_, seen)| **seen) {
+        for (at, _) in asked.iter().enumerate().filter(|(_, asked)| **asked) {
             let first = at / tile.width * columns + at % tile.width;
             for step in [0, 1, columns, columns + 1] {
                 wanted[first + step] = true;
@@ -508,93 +524,4 @@ pub(super) fn frame<F: Features>(
         }
     })?;
     Ok((frame, stats))
-}
-
-/// A frame with the requested pictures.
-fn empty_frame(scene: &RenderScene, settings: &Settings) -> Frame {
-    let (width, height) = (scene.camera().width, scene.camera().height);
-    let wanted = settings.channels;
-    let rgb = || Image::filled(width, height, [0.0f32; 3]);
-    let flow = || Image::filled(width, height, [0.0f32; 2]);
-    let mut frame = Frame {
-        width,
-        height,
-        alpha: Image::filled(width, height, 0.0),
-        irradiance: settings.irradiance.then(rgb),
-        guide_albedo: wanted.guides.then(rgb),
-        guide_normal: wanted.guides.then(rgb),
-        motion: wanted.motion.then(flow),
-        motion_prev: wanted.motion.then(flow),
-        info: FrameInfo {
-            camera: *scene.camera(),
-            spp: 0,
-            seed: scene.seed,
-            scene_hash: scene.hash.clone(),
-            scene_files: scene.files.clone(),
-            exposure: scene.exposure(),
-            bsdf: String::new(),
-            sampling: String::new(),
-            lens: settings.lens.map(|lens| lens.to_string()).unwrap_or_default(),
-            shutter: String::new(),
-            max_bounces: None,
-            branches: None,
-            indirect_limit: None,
-            light_paths: false,
-            denoiser: None,
-        },
-        ..Frame::default()
-    };
-    if wanted.gbuffer {
-        (frame.albedo, frame.normal, frame.material) = (rgb(), rgb(), rgb());
-        frame.depth = Image::filled(width, height, f32::INFINITY);
-        (frame.object_id, frame.material_id) = (Image::filled(width, height, 0), Image::filled(width, height, 0));
-        let features = scene.features();
-        let clear = features.clear || features.blended;
-        (frame.transmittance, frame.through) = (clear.then(rgb), clear.then(rgb));
-    }
-    frame
-}
-
-fn store_guides(frame: &mut Frame, at: usize, guides: &GuideStatistics, projector: &Projector) {
-    frame.alpha.pixels[at] = guides.coverage();
-    if let Some(image) = &mut frame.guide_albedo {
-        image.pixels[at] = guides.albedo();
-    }
-    if let Some(image) = &mut frame.guide_normal {
-        image.pixels[at] = guide_normal(guides, projector);
-    }
-}
-
-fn guide_normal(guides: &GuideStatistics, projector: &Projector) -> [f32; 3] {
-    // The mean normal is turned to camera space once, since turning is linear.
-    projector.direction_to_camera(guides.normal()).to_array()
-}
-
-fn store(frame: &mut Frame, at: usize, centre: &Centre) {
-    fn set<T>(image: &mut Image<T>, at: usize, value: T) {
-        if let Some(pixel) = image.pixels.get_mut(at) {
-            *pixel = value;
-        }
-    }
-    set(&mut frame.albedo, at, centre.albedo);
-    set(&mut frame.normal, at, centre.normal);
-    set(&mut frame.depth, at, centre.depth);
-    set(&mut frame.material, at, centre.material);
-    set(&mut frame.object_id, at, centre.object_id);
-    set(&mut frame.material_id, at, centre.material_id);
-    let pictures = [
-        (&mut frame.irradiance, centre.irradiance),
-        (&mut frame.transmittance, centre.transmittance),
-        (&mut frame.through, centre.through),
-    ];
-    for (image, value) in pictures {
-        if let Some(image) = image {
-            image.pixels[at] = value;
-        }
-    }
-    for (image, value) in [(&mut frame.motion, centre.motion), (&mut frame.motion_prev, centre.motion_prev)] {
-        if let Some(image) = image {
-            image.pixels[at] = value;
-        }
-    }
 }

@@ -25,7 +25,7 @@ const CHOICES: [u32; 4] = [1, 2, 4, 8];
 /// Pixels that are asked: fewer say too little, more say nothing new.
 const FEWEST: usize = 256;
 const MOST: usize = 1024;
-/// Light samples of pictures with too few samples for a pilot. Such pictures are for denoisers
+/// Light samples of pictures with too few samples for a pilot. Most of them are for denoisers
 /// (docs/measurements/renderer-notes.md, light-samples).
 const UNASKED: u32 = 4;
 /// Camera rays of each.
@@ -164,7 +164,7 @@ mod tests {
             Part::new(Shape::Sphere { radius: 0.5 }, metal([0.9; 3], 0.3), at(0.7, 0.5, 0.3)),
             Part::new(Shape::Plane { size: 20.0 }, diffuse([0.5; 3]), at(0.0, 0.0, 0.0)),
         ];
-        let scene = compile(parts, sunny(), camera([0.2, 1.5, 4.0], [0.0, 0.4, 0.0], 45.0, 32, 24)).unwrap();
+        let scene = compile(parts, sunny(), camera([0.2, 1.5, 4.0], [0.0, 0.4, 0.0], 45.0, 48, 32)).unwrap();
         // Sums of the picture, of its variance, and of the variance without the noisiest tenth, where few paths that meet the sun
         // decide.
         let render = |light_samples, branches| {
