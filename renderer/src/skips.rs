@@ -26,8 +26,9 @@ pub struct Skips {
     pub dark_scenes: bool,
     /// No light samples of an environment that is the same from everywhere. Both ways converge to the same picture.
     pub flat_environment: bool,
-    /// No guide rays in pixels whose centre and corners see the same surface, where no beauty is rendered. If it has a texture, a
-    /// grid of nine points in the pixel shows it in place of 10 to 32 rays. What is narrower than a pixel can be missed between them.
+    /// No guide rays in pixels whose centre and corners see the same surface, where no beauty is rendered. If it has a texture,
+    /// a grid of nine points in the pixel shows it in place of 10 to 32 rays. What is narrower than a pixel can be missed between
+    /// them.
     pub plain_pixels: bool,
 }
 
