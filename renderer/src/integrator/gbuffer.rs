@@ -195,7 +195,9 @@ impl<F: Features> TilePass<'_, '_, F> {
             for at in (0..seen.len()).filter(|at| asked[*at]) {
                 kinds[at] = self.kind(at, hits[at].as_ref(), &corners);
             }
-            self.look_at_spots(&mut kinds[..seen.len()], &hits, &mut spots);
+            if F::TEXTURES && kinds.iter().any(|kind| matches!(kind, Kind::Textured(_))) {
+                self.look_at_spots(&mut kinds[..seen.len()], &hits, &mut spots);
+            }
         }
 
         let mut pixels = Pixels::with_capacity(seen.len());
