@@ -83,7 +83,9 @@ fn one() -> u32 {
 /// texture look-ups depend on it.
 fn key(scene: &RenderScene, settings: &Settings) -> String {
     let (channels, skips) = Default::default();
-    let (budget, branches) = (Budget::Uniform, settings.branches());
+    // Samples that follow the G-buffer have random numbers of their own.
+    let budget = if settings.budget == Budget::Detail { Budget::Detail } else { Budget::Uniform };
+    let branches = settings.branches();
     let settings = Settings { guide_samples: 1, irradiance: false, budget, branches, channels, skips, ..*settings };
     let content = [&scene.hash[..], &scene.files].concat();
     let identity = (&content, scene.seed, scene.frame(), scene.camera().width, scene.camera().height, settings);

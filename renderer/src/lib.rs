@@ -42,8 +42,8 @@ pub use error::{Error, Result};
 pub use film::Film;
 pub use geometry::{Builds, Sharing};
 pub use integrator::{
-    Memory, develop, expose, expose_whole, ibl, render, render_gbuffer, render_gbuffer_until, render_mapped, render_with_shutter,
-    render_with_stats,
+    Memory, detail::detail_map, develop, expose, expose_whole, ibl, render, render_gbuffer, render_gbuffer_until, render_mapped,
+    render_with_shutter, render_with_stats,
 };
 pub use light::LightGroups;
 pub use material::Mode;

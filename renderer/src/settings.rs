@@ -4,6 +4,7 @@ use crate::camera::{Filter, ThinLens};
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
+use crate::integrator::detail;
 use crate::light::LightGroups;
 use crate::material::{Mode, Prepared};
 use crate::sampler::{PixelSampler, Sampler, Sharing};
@@ -27,6 +28,8 @@ pub enum DirectLight {
 
 /// Camera rays a pixel from which on guides count as clean.
 const CLEAN_GUIDES: u32 = 16;
+/// The same on average, where more go to what shows detail.
+const CLEAN_DETAIL: u32 = 4;
 
 /// What to render, and at which quality.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -157,12 +160,13 @@ impl Settings {
         Ok(())
     }
 
-    /// How samples are distributed, as the header of a frame stores it: `average 256`, `error 0.01 within 4096`, `time 5 within
+    /// How samples are distributed, as the header of a frame stores it: `average 256`, `detail 4`, `error 0.01 within 4096`, `time 5 within
     /// 4096`; empty for [`Budget::Uniform`].
     pub fn sampling(&self) -> String {
         match self.budget {
             Budget::Uniform => String::new(),
             Budget::Average => format!("average {}", self.spp),
+            Budget::Detail => format!("detail {}", self.spp),
             Budget::Error { millionths } => format!("error {} within {}", f64::from(millionths) / 1e6, self.spp),
             Budget::Time { milliseconds } => format!("time {} within {}", f64::from(milliseconds) / 1e3, self.spp),
         }
@@ -175,6 +179,7 @@ impl Settings {
         let whole = |number: &str, unit: f64| Some((number.parse::<f64>().ok()? * unit).round() as u32);
         let (budget, spp) = match words[..] {
             ["average", spp] => (Budget::Average, spp),
+            ["detail", spp] => (Budget::Detail, spp),
             ["error", target, "within", spp] => (Budget::Error { millionths: whole(target, 1e6)? }, spp),
             ["time", seconds, "within", spp] => (Budget::Time { milliseconds: whole(seconds, 1e3)? }, spp),
             _ => return None,
@@ -208,16 +213,26 @@ impl Settings {
     }
 
     /// How many samples share a camera ray: a power of two, at most [`Settings::branches`]. At least four camera rays are left in
-    /// a pixel that may see geometry, for the sake of its edges and its variance.
+    /// a pixel that may see geometry, for the sake of its edges and its variance. Under [`Budget::Detail`] none do, for the sake of
+    /// the denoiser's guides (docs/measurements/renderer-notes.md, detail).
     pub fn branches(&self) -> u32 {
-        let (fewest, largest) = (self.budget.fewest(self.spp), if self.budget == Budget::Uniform { 64 } else { BRANCHES });
+        let largest = match self.budget {
+            Budget::Uniform => 64,
+            Budget::Detail => 1,
+            Budget::Average | Budget::Error { .. } | Budget::Time { .. } => BRANCHES,
+        };
+        let fewest = self.budget.fewest(self.spp);
         let possible = |&b: &u32| b <= self.branches.min(largest) && fewest.is_multiple_of(b) && fewest >= 4 * b;
         (0..7).map(|k| 64 >> k).find(possible).unwrap_or(1)
     }
 
     /// Whether coverage, albedo and normal of every pixel are means of enough camera rays for the denoiser to trust them.
     pub fn clean_guides(&self) -> bool {
-        self.budget.fewest(self.spp) / self.branches() >= CLEAN_GUIDES
+        match self.budget {
+            // There are more rays where normals and albedo change.
+            Budget::Detail => self.spp >= CLEAN_DETAIL,
+            _ => self.budget.fewest(self.spp) / self.branches() >= CLEAN_GUIDES,
+        }
     }
 
     /// Camera rays per pixel; the mean where pixels have different counts.
@@ -232,7 +247,7 @@ impl Settings {
     /// textures up too finely, and the picture would be noisy. Later samples have smaller shares, so it converges all the same.
     pub(crate) fn shares(&self, number: u32) -> u32 {
         match self.budget {
-            Budget::Uniform | Budget::Average => self.spp,
+            Budget::Uniform | Budget::Average | Budget::Detail => self.spp,
             Budget::Error { .. } | Budget::Time { .. } => {
                 (number + 1).next_power_of_two().max(self.budget.fewest(self.spp)).min(self.spp)
             }
@@ -255,9 +270,9 @@ impl Settings {
         if self.bsdf == Mode::Conserving { scene.bsdfs() } else { &[] }
     }
 
-    /// How pixels share sequences, if all have the samples that are asked for, with `lights` light samples for each camera ray.
-    pub(crate) fn sharing(&self, lights: u32) -> Sharing {
-        Sharing::new(self.camera_samples(), lights, self.branches())
+    /// How pixels share sequences, if all have `rays` camera rays with `lights` light samples each.
+    pub(crate) fn sharing(&self, rays: u32, lights: u32) -> Sharing {
+        Sharing::new(rays, lights, self.branches())
     }
 
     /// The random numbers of pixel (x, y); without `sharing`, all are its own.
@@ -272,8 +287,8 @@ impl Settings {
 
 /// How the samples of a picture are spread over its pixels.
 ///
-/// But for [`Self::Uniform`], pixels get counts of their own, multiples of 4, told by [`renderflow_frame::Frame::samples`]; at
-/// least half the average where geometry may be seen. Pixels that see the environment alone count a sixteenth: what they do not
+/// But for [`Self::Uniform`], pixels get counts of their own, told by [`renderflow_frame::Frame::samples`]; at least half the
+/// average where geometry may be seen, and multiples of 4 but for [`Self::Detail`]. Pixels that see the environment alone count a sixteenth: what they do not
 /// need is not spent on others, so that such a picture takes about as long as a uniform one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -284,6 +299,9 @@ pub enum Budget {
     /// A fixed sum: at most [`Settings::spp`] a pixel on average, and no fewer where pixels that may see geometry need them.
     /// Below 32 all that may see geometry have as many.
     Average,
+    /// At most [`Settings::spp`] a pixel on average over what surfaces cover, for pictures that are denoised: more where the
+    /// G-buffer shows detail. Counts are powers of two, known before the first sample ([`crate::detail_map`]).
+    Detail,
     /// Until the relMSE of the picture, mean((picture - truth)^2 / (truth^2 + 0.01)), is estimated to be at most a target; at
     /// most
     /// [`Settings::spp`] a pixel on average.
@@ -312,12 +330,19 @@ impl Budget {
         }
     }
 
+    /// The way to spread `spp` samples on average by need. Few samples say too little about their own noise; for a picture that
+    /// will be denoised, the G-buffer says more.
+    pub fn adaptive(spp: u32, denoised: bool) -> Self {
+        if denoised && spp < FEWEST_SPREAD { Self::Detail } else { Self::Average }
+    }
+
     /// Fewest samples of a pixel that may see geometry, where `spp` samples are asked for.
     pub fn fewest(self, spp: u32) -> u32 {
         match self {
             Self::Uniform => spp,
             Self::Average if spp < FEWEST_SPREAD => spp,
             Self::Average => pilot(spp, FLOOR),
+            Self::Detail => *detail::range(spp).start(),
             // A small pilot: nobody knows how much is needed.
             Self::Error { .. } | Self::Time { .. } => pilot(spp.min(STEP * STEP), 1.0),
         }

@@ -5,7 +5,9 @@ mod common;
 use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny};
 use glam::{Affine3A, Vec3};
 use renderflow_frame::{Environment, Frame, Image};
-use renderflow_renderer::{Budget, DirectLight, Error, RenderScene, Settings, Skips, render_mapped, render_with_stats};
+use renderflow_renderer::{
+    Budget, DirectLight, Error, RenderScene, Settings, Skips, detail_map, render_gbuffer, render_mapped, render_with_stats,
+};
 use renderflow_scenes::loaded::{Encoding, Texture, Wrap};
 use renderflow_scenes::{LoadedScene, Material, Principled, TextureSlot};
 use std::sync::Mutex;
@@ -29,6 +31,10 @@ fn floor(environment: Environment, width: usize, height: usize) -> LoadedScene {
 
 fn average(spp: u32) -> Settings {
     Settings { spp, budget: Budget::Average, ..Settings::default() }
+}
+
+fn detail(spp: u32) -> Settings {
+    Settings { spp, budget: Budget::Detail, ..Settings::default() }
 }
 
 fn counts(frame: &Frame) -> &[u32] {
@@ -85,7 +91,7 @@ fn textures_are_filtered_by_the_samples_that_are_taken() {
 #[test]
 fn threads_do_not_change_a_bit() {
     let scene = compile(&caustic(45, 37));
-    for settings in [average(24), Settings { budget: Budget::Error { millionths: 30_000 }, ..average(64) }] {
+    for settings in [average(24), detail(6), Settings { budget: Budget::Error { millionths: 30_000 }, ..average(64) }] {
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
             pool.install(|| bits(&render_with(&scene, &settings).0))
@@ -126,13 +132,17 @@ fn the_sum_is_the_budget() {
 #[test]
 fn a_map_gives_the_same_picture_again() {
     let scene = compile(&caustic(25, 21));
-    for groups in [0, 3] {
-        let settings = Settings { light_groups: groups, ..average(32) };
+    for (groups, settings) in [(0, average(32)), (3, average(32)), (0, detail(16)), (3, detail(5))] {
+        let settings = Settings { light_groups: groups, ..settings };
         let (frame, _) = render_with(&scene, &settings);
         let map = frame.samples.clone().unwrap();
         let (again, _) = render_mapped(&scene, &settings, &map, &|_, _| (), &quiet()).expect("the map fits");
         assert_eq!(bits(&again), bits(&frame));
         assert_eq!(again.info, frame.info);
+        assert_eq!(settings.with_sampling(&frame.info.sampling), Some(settings));
+        if settings.budget == Budget::Detail {
+            continue;
+        }
         // The budget that led to the counts does not enter.
         let other = Settings { budget: Budget::Time { milliseconds: 1 }, ..settings };
         assert_eq!(bits(&render_mapped(&scene, &other, &map, &|_, _| (), &quiet()).unwrap().0), bits(&frame));
@@ -276,7 +286,7 @@ fn time_stops_it_and_the_map_makes_it_again() {
 #[test]
 fn progress_goes_on_and_cancelling_stops() {
     let scene: RenderScene = compile(&caustic(40, 30));
-    for budget in [Budget::Average, Budget::Error { millionths: 3000 }, Budget::Time { milliseconds: 20_000 }] {
+    for budget in [Budget::Average, Budget::Detail, Budget::Error { millionths: 3000 }, Budget::Time { milliseconds: 20_000 }] {
         let settings = Settings { budget, ..average(64) };
         let (calls, seen) = (AtomicU64::new(0), Mutex::new((0, 0)));
         let progress = |done: u64, total: u64| {
@@ -288,7 +298,7 @@ fn progress_goes_on_and_cancelling_stops() {
         render_with_stats(&scene, &settings, &progress, &quiet()).expect("not cancelled");
         assert!(calls.into_inner() > 20);
         let (done, total) = seen.into_inner().unwrap();
-        assert!(done == total || budget != Budget::Average, "{budget:?}: ends at {done} of {total}");
+        assert!(done == total || !matches!(budget, Budget::Average | Budget::Detail), "{budget:?}: ends at {done} of {total}");
 
         let cancel = quiet();
         let stop = |_, _| cancel.store(true, Ordering::Relaxed);
@@ -301,6 +311,7 @@ fn settings_tell_their_sampling_and_read_it_again() {
     let plain = Settings { max_bounces: 3, ..Settings::default() };
     for (budget, text) in [
         (Budget::Average, "average 77"),
+        (Budget::Detail, "detail 77"),
         (Budget::Error { millionths: 12_345 }, "error 0.012345 within 77"),
         (Budget::Time { milliseconds: 2_500 }, "time 2.5 within 77"),
     ] {
@@ -312,4 +323,49 @@ fn settings_tell_their_sampling_and_read_it_again() {
     for bad in ["", "average", "average x", "average 3 4", "error 0.1 for 3", "time within 3"] {
         assert_eq!(plain.with_sampling(bad), None, "{bad}");
     }
+}
+
+/// The G-buffer of a frame gives the counts that the renderer finds by itself, whatever else it holds. Their sum is the budget, and
+/// the sphere and the edges have more than the floor.
+#[test]
+fn detail_is_found_in_the_gbuffer() {
+    let scene = compile(&caustic(64, 48));
+    let gbuffer = render_gbuffer(&scene, &Settings::default()).expect("a G-buffer");
+    for spp in [1, 2, 4, 7, 16] {
+        let (frame, stats) = render_with(&scene, &detail(spp));
+        assert_eq!(frame.samples, Some(detail_map(&gbuffer, spp).expect("a map")), "{spp}");
+        assert_eq!(counts(&frame).iter().map(|&n| u64::from(n)).sum::<u64>(), stats.samples);
+        assert_eq!((frame.info.sampling.as_str(), frame.info.branches), (&*format!("detail {spp}"), None));
+        let mean = |keep: &dyn Fn(usize) -> bool| {
+            let kept: Vec<f64> = (0..64 * 48).filter(|&at| keep(at)).map(|at| f64::from(counts(&frame)[at])).collect();
+            kept.iter().sum::<f64>() / kept.len() as f64
+        };
+        let seen = |at: usize| gbuffer.depth.pixels[at].is_finite();
+        let object = |at: usize, id: u32| gbuffer.object_id.pixels[at] == id;
+        assert!(mean(&seen) <= 1.01 * f64::from(spp), "{spp}: {}", mean(&seen));
+        let (floor, sphere) = (mean(&|at| object(at, 1)), mean(&|at| object(at, 2)));
+        assert!(spp == 1 || sphere > 1.5 * floor, "{spp}: {sphere} on the sphere, {floor} on the floor");
+    }
+}
+
+/// Counts that follow the G-buffer do not depend on samples: the mean of many pictures is that of many samples, sun and all.
+#[test]
+fn spreading_by_detail_has_no_bias() {
+    let mut scene = compile(&caustic(32, 24));
+    let mean_of = |frame: &Frame| {
+        let raw = frame.raw.as_ref().expect("a picture");
+        raw.pixels.as_flattened().iter().map(|&v| f64::from(v)).sum::<f64>() / raw.pixels.as_flattened().len() as f64
+    };
+    let many = mean_of(&render_with(&scene, &Settings { spp: 4096, ..Settings::default() }).0);
+    let means: Vec<f64> = (0..400)
+        .map(|seed| {
+            scene.reseed(1000 + seed);
+            mean_of(&render_with(&scene, &detail(4)).0)
+        })
+        .collect();
+    let mean = means.iter().sum::<f64>() / means.len() as f64;
+    let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (means.len() - 1) as f64;
+    let error = (variance / means.len() as f64).sqrt();
+    println!("{mean:.5} by detail, {many:.5} by many samples, standard error {error:.5}");
+    assert!((mean - many).abs() < 4.0 * error && error < 0.01 * many, "{mean} and {many}, {error}");
 }

@@ -56,9 +56,19 @@ pub(super) struct Work<'a> {
     pub casters: Option<&'a CausticCasters>,
     /// Number of light samples at the first surface behind a camera ray.
     lights: u32,
-    /// How pixels share sequences; those with samples of different number do not.
-    sharing: Option<Sharing>,
+    /// Which pixels share sequences.
+    blocks: Blocks,
     pub cancel: &'a AtomicBool,
+}
+
+/// Which pixels share sequences. Those with samples of different number do not.
+#[derive(Clone, Copy)]
+enum Blocks {
+    None,
+    /// All pixels have the samples that the settings ask for.
+    Even,
+    /// Pixels of a block have the same samples, from the first one on.
+    Own,
 }
 
 impl<'a> Work<'a> {
@@ -70,12 +80,26 @@ impl<'a> Work<'a> {
         cancel: &'a AtomicBool,
     ) -> Self {
         let lights = light_samples(scene, settings, visible, casters);
-        Self { scene, settings, visible, casters, lights, sharing: None, cancel }
+        Self { scene, settings, visible, casters, lights, blocks: Blocks::None, cancel }
     }
 
     /// For pictures whose pixels all have the samples that the settings ask for.
     pub fn even(self) -> Self {
-        Self { sharing: Some(self.settings.sharing(self.lights)), ..self }
+        Self { blocks: Blocks::Even, ..self }
+    }
+
+    /// For pictures whose pixels have the same samples in each block, and all of them.
+    pub fn even_in_blocks(self) -> Self {
+        Self { blocks: Blocks::Own, ..self }
+    }
+
+    /// How a pixel with `rays` camera rays shares sequences.
+    fn sharing(&self, rays: u32) -> Option<Sharing> {
+        match self.blocks {
+            Blocks::None => None,
+            Blocks::Even => Some(self.settings.sharing(self.settings.camera_samples(), self.lights)),
+            Blocks::Own => Some(self.settings.sharing(rays, self.lights)),
+        }
     }
 
     /// Number of light paths of the samples `samples`.
@@ -107,11 +131,12 @@ impl<'a> Work<'a> {
 }
 
 fn trace<F: Features>(
-    Work { scene, settings, visible, casters, lights, sharing, cancel }: Work<'_>,
+    all: Work<'_>,
     film: &mut Film,
     span: &(dyn Fn(usize) -> Range<u32> + Sync),
     (meter, total): (&Meter<'_>, u64),
 ) -> Result<Stats> {
+    let Work { scene, settings, visible, casters, lights, cancel, .. } = all;
     let (width, height) = (film.width, film.height);
     let branches = settings.branches();
     let work = |mut plot: TilePixels<'_, PixelStatistics, GuideStatistics, GroupStatistics>| {
@@ -137,8 +162,8 @@ fn trace<F: Features>(
             let at = y * width + x;
             let range = span(at);
             samples += u64::from(range.end.saturating_sub(range.start));
-            let (sampler, seen) = (settings.random(scene, (x, y), sharing), visible.at(x, y));
             let indices = range.start / branches..range.end / branches;
+            let (sampler, seen) = (settings.random(scene, (x, y), all.sharing(indices.end)), visible.at(x, y));
             let count = indices.len() as u32;
             for index in indices {
                 // A pixel may have millions of samples.

@@ -57,7 +57,7 @@ pub(super) fn largest(scene: &RenderScene, settings: &Settings, map: &Image<u32>
 }
 
 /// Most samples of a pixel.
-const MOST: u32 = 1 << 24;
+pub(super) const MOST: u32 = 1 << 24;
 /// Largest step after the pilot: twice the batches that random numbers and light samples are made in. Steps of 4 made a round as
 /// dear as one of four times the samples.
 const LARGEST_STEP: u32 = 32;
@@ -124,7 +124,7 @@ pub(super) fn render(
         stats += work.trace(&mut film, &span, (&meter, total))?;
         plan.counts.clone_from(&target);
         let next = match settings.budget {
-            Budget::Uniform | Budget::Average => most,
+            Budget::Uniform | Budget::Average | Budget::Detail => most,
             Budget::Error { millionths } => {
                 let ratio = error(&film) / (f64::from(millionths) * 1e-6);
                 // Above the target, another round is worth it.

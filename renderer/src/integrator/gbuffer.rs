@@ -476,15 +476,39 @@ impl Pass<'_> {
     }
 }
 
-/// The frame with its G-buffer at pixel centres. Coverage and guides come from `film`, or otherwise from extra rays. Pictures
-/// that are not requested stay empty, and no ray is traced for them.
+/// Where coverage and guides come from.
+#[derive(Clone, Copy)]
+pub(super) enum GuidesFrom<'a> {
+    /// Camera rays of their own.
+    Rays,
+    /// The camera rays of a film.
+    Film(&'a Film),
+    /// Nowhere: they stay empty until [`fill_guides`].
+    Later,
+}
+
+/// Fills coverage and guides of a frame from the camera rays of `film`.
+pub(super) fn fill_guides(frame: &mut Frame, scene: &RenderScene, film: &Film) {
+    let projector = Projector::new(scene.camera());
+    let guides = &film.guides;
+    frame.alpha.pixels = guides.par_iter().map(GuideStatistics::coverage).collect();
+    if let Some(image) = &mut frame.guide_albedo {
+        image.pixels = guides.par_iter().map(GuideStatistics::albedo).collect();
+    }
+    if let Some(image) = &mut frame.guide_normal {
+        image.pixels = guides.par_iter().map(|guides| guide_normal(guides, &projector)).collect();
+    }
+}
+
+/// The frame with its G-buffer at pixel centres. Pictures that are not requested stay empty, and no ray is traced for them.
 pub(super) fn frame<F: Features>(
     scene: &RenderScene,
     settings: &Settings,
     visible: &Visible,
-    film: Option<&Film>,
+    from: GuidesFrom<'_>,
     cancel: &AtomicBool,
 ) -> Result<(Frame, Stats)> {
+    let film = if let GuidesFrom::Film(film) = from { Some(film) } else { None };
     let (width, height) = (scene.camera().width, scene.camera().height);
     let wanted = settings.channels;
     let projector = Projector::new(scene.camera());
@@ -492,14 +516,7 @@ pub(super) fn frame<F: Features>(
     let mut stats = Stats::default();
     let kept = film.filter(|_| settings.skips.shared_guides);
     if let Some(film) = kept {
-        let guides = &film.guides;
-        frame.alpha.pixels = guides.par_iter().map(GuideStatistics::coverage).collect();
-        if let Some(image) = &mut frame.guide_albedo {
-            image.pixels = guides.par_iter().map(GuideStatistics::albedo).collect();
-        }
-        if let Some(image) = &mut frame.guide_normal {
-            image.pixels = guides.par_iter().map(|guides| guide_normal(guides, &projector)).collect();
-        }
+        fill_guides(&mut frame, scene, film);
     }
     let centres = wanted.gbuffer || wanted.motion || settings.irradiance;
     if !centres && kept.is_some() {
@@ -509,7 +526,7 @@ pub(super) fn frame<F: Features>(
     let irradiance = settings.irradiance.then(|| scene.light().irradiance_map());
     let has_holes = |material: &CompiledMaterial| material.alpha_mask.is_some() && material.varies();
     let holed = scene.geometry.instances.iter().any(|instance| has_holes(&scene.materials[instance.material]));
-    let guides = kept.is_none();
+    let guides = kept.is_none() && !matches!(from, GuidesFrom::Later);
     let pass = Pass { scene, settings, visible, film, projector, views, irradiance, centres, guides, holed };
     let work = |tile: Tile| {
         let (scratch, points, stats) = Default::default();

@@ -3,6 +3,7 @@
 
 mod accumulate;
 mod adaptive;
+pub mod detail;
 mod direct;
 mod gbuffer;
 pub mod ibl;
@@ -24,9 +25,10 @@ use crate::features::with_features;
 use crate::film::{Beauty, Film};
 use crate::schedule::Progress;
 use crate::settings::{Budget, Settings};
+use crate::skips::Channels;
 use crate::stats::Stats;
 use accumulate::{Meter, Work};
-use gbuffer::frame as gbuffer;
+use gbuffer::{GuidesFrom, fill_guides, frame as gbuffer};
 use light_paths::CausticCasters;
 use renderflow_frame::{Frame, Image};
 use std::ops::Range;
@@ -56,6 +58,10 @@ pub fn render_with_stats(
 ) -> Result<(Frame, Stats)> {
     settings.check(scene)?;
     let visible = Visible::new(scene, settings);
+    // The other order of work is for comparison.
+    if settings.budget == Budget::Detail && settings.skips.shared_guides {
+        return by_detail(scene, settings, &visible, progress, cancel);
+    }
     let (film, mut stats) = whole(scene, settings, &visible, progress, cancel)?;
     let (frame, more) = finish(scene, settings, &visible, film, cancel)?;
     stats += more;
@@ -73,8 +79,45 @@ fn whole(
         Budget::Uniform => {
             expose_samples(Samples { scene, settings, visible, range: 0..settings.spp, map: None }, progress, cancel)
         }
+        Budget::Detail => {
+            let map = detail_of(scene, settings, visible, cancel)?.pixels;
+            let range = 0..map.iter().copied().max().unwrap_or(0);
+            expose_samples(Samples { scene, settings, visible, range, map: Some(&map) }, progress, cancel)
+        }
         _ => adaptive::render(scene, settings, visible, progress, cancel),
     }
+}
+
+/// The map of [`Budget::Detail`], from a G-buffer of its own.
+fn detail_of(scene: &RenderScene, settings: &Settings, visible: &Visible, cancel: &AtomicBool) -> Result<Image<u32>> {
+    let channels = Channels { gbuffer: true, ..Channels::BEAUTY };
+    let own = &Settings { channels, irradiance: false, guide_samples: 1, ..*settings };
+    let (frame, _) = with_features!(own.needed(scene), own.full(), gbuffer(scene, own, visible, GuidesFrom::Later, cancel))?;
+    detail::detail_map(&frame, settings.spp)
+}
+
+/// A picture under [`Budget::Detail`], whose G-buffer tells the map before it gets its guides.
+fn by_detail(
+    scene: &RenderScene,
+    settings: &Settings,
+    visible: &Visible,
+    progress: Progress<'_>,
+    cancel: &AtomicBool,
+) -> Result<(Frame, Stats)> {
+    let own = &Settings { channels: Channels { gbuffer: true, ..settings.channels }, ..*settings };
+    let (mut frame, mut stats) =
+        with_features!(own.needed(scene), own.full(), gbuffer(scene, own, visible, GuidesFrom::Later, cancel))?;
+    let map = detail::detail_map(&frame, settings.spp)?.pixels;
+    if !settings.channels.gbuffer {
+        let Frame { albedo, normal, depth, material, object_id, material_id, transmittance, through, .. } = Frame::default();
+        frame = Frame { albedo, normal, depth, material, object_id, material_id, transmittance, through, ..frame };
+    }
+    let range = 0..map.iter().copied().max().unwrap_or(0);
+    let (film, more) = expose_samples(Samples { scene, settings, visible, range, map: Some(&map) }, progress, cancel)?;
+    stats += more;
+    fill_guides(&mut frame, scene, &film);
+    described(&mut frame, settings, film.beauty(settings));
+    Ok((frame, stats))
 }
 
 /// Path-traces all samples as `settings.budget` distributes them: [`render_with_stats`] without the last step, [`develop`].
@@ -111,7 +154,7 @@ pub fn expose(
 }
 
 /// As [`render_with_stats`] with the number of samples of each pixel from `map`. Of `settings.budget`, only what it says about
-/// the filtering of textures and about samples that share a camera ray counts. The [`Frame::samples`] of a picture and its
+/// the filtering of textures, about samples that share a camera ray and about pixels that share points counts. The [`Frame::samples`] of a picture and its
 /// settings give the same picture again, bit for bit.
 ///
 /// # Errors
@@ -154,6 +197,8 @@ fn expose_samples(samples: Samples, progress: Progress<'_>, cancel: &AtomicBool)
     let mut work = Work::new(scene, settings, visible, casters.as_ref(), cancel);
     if map.is_none() {
         work = work.even();
+    } else if settings.budget == Budget::Detail {
+        work = work.even_in_blocks();
     }
     // Where pixels have different counts, the mean gives the number of light paths.
     let all = map.map_or(range.end, mean);
@@ -207,9 +252,18 @@ fn picture(
     film: &Film,
     cancel: &AtomicBool,
 ) -> Result<(Frame, Stats)> {
-    let (mut frame, stats) =
-        with_features!(settings.needed(scene), settings.full(), gbuffer(scene, settings, visible, Some(film), cancel))?;
-    beauty.store(&mut frame);
+    let (mut frame, stats) = with_features!(
+        settings.needed(scene),
+        settings.full(),
+        gbuffer(scene, settings, visible, GuidesFrom::Film(film), cancel)
+    )?;
+    described(&mut frame, settings, beauty);
+    Ok((frame, stats))
+}
+
+/// Stores the pictures of the samples in `frame`, and how they were made.
+fn described(frame: &mut Frame, settings: &Settings, beauty: Beauty) {
+    beauty.store(frame);
     if frame.samples.is_some() && settings.budget != Budget::Uniform {
         frame.info.sampling = settings.sampling();
     }
@@ -217,7 +271,6 @@ fn picture(
     frame.info.branches = Some(settings.branches()).filter(|&branches| branches > 1);
     frame.info.indirect_limit = settings.clamp_indirect;
     frame.info.bsdf = settings.bsdf.name().into();
-    Ok((frame, stats))
 }
 
 /// Renders only what camera rays see: G-buffer, and coverage and guides from `settings.guide_samples` rays per pixel. No light is
@@ -236,6 +289,7 @@ pub fn render_gbuffer(scene: &RenderScene, settings: &Settings) -> Result<Frame>
 pub fn render_gbuffer_until(scene: &RenderScene, settings: &Settings, cancel: &AtomicBool) -> Result<Frame> {
     settings.check(scene)?;
     let visible = Visible::new(scene, settings);
-    let frame = with_features!(settings.needed(scene), settings.full(), gbuffer(scene, settings, &visible, None, cancel));
+    let frame =
+        with_features!(settings.needed(scene), settings.full(), gbuffer(scene, settings, &visible, GuidesFrom::Rays, cancel));
     frame.map(|(frame, _)| frame)
 }

@@ -528,7 +528,7 @@ mod tests {
         let shots: Vec<Shot> = (0..24 * 16)
             .flat_map(|at| (0..3).map(move |index| (at, index)))
             .map(|(at, index)| Shot {
-                sampler: settings.random(&scene, (at % 24, at / 24), Some(settings.sharing(2))),
+                sampler: settings.random(&scene, (at % 24, at / 24), Some(settings.sharing(settings.camera_samples(), 2))),
                 pixel: (at % 24, at / 24),
                 index,
                 count: 1 + at as u32 % 20,

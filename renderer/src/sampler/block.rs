@@ -9,7 +9,7 @@
 use super::hash;
 
 /// Width and height of a block.
-const SIDE: u32 = 4;
+pub const SIDE: u32 = 4;
 /// Pixels of a block, as a power of two.
 const BITS: u32 = 2 * SIDE.ilog2();
 /// Tells the streams of blocks from those of pixels.
