@@ -274,7 +274,7 @@ fn filled(width: usize, height: usize, value: [f32; 3]) -> Record<f32> {
     let raw = Rgb::filled(width, height, value);
     let background = shaded.surfaces.background.clone();
     let albedo = frame.guide_albedo.clone().unwrap();
-    let samples = Samples { raw: &raw, alpha: &frame.alpha, albedo: &albedo, background: &background, spp: 2 };
+    let samples = Samples { raw: &raw, alpha: &frame.alpha, albedo: &albedo, background: &background, spp: 2, counts: None };
     let mut record = Record::of(&frame, &shaded.surfaces, exposure);
     record.add_deferred(&terms, exposure);
     let key = Keyframe { frame: frame.clone(), truth: raw.clone(), start: Some(shaded.image.clone()) };

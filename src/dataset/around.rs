@@ -81,8 +81,12 @@ pub struct Traced {
     pub alpha: Image<f32>,
     /// Albedo and normal, averaged over each pixel, if they were asked for.
     pub guides: Option<[Rgb; 2]>,
-    /// Samples for each pixel.
+    /// Samples for each pixel; their average where pixels have different numbers.
     pub spp: u32,
+    /// Samples of each pixel; all have `spp` if there is none.
+    pub counts: Option<Image<u32>>,
+    /// The G-buffer that came with them, if one was asked for.
+    pub gbuffer: Option<Box<Frame>>,
     /// Wall seconds of tracing them.
     pub seconds: f64,
     /// What nearby frames need of it, if they may still use it.
@@ -106,7 +110,8 @@ impl Traced {
     pub fn of(mut frame: Frame, exposure: f32) -> Result<Self> {
         let raw = frame.raw.take().or(frame.beauty.take()).context("a frame has no picture")?;
         let guides = frame.guide_albedo.take().zip(frame.guide_normal.take()).map(|(albedo, normal)| [albedo, normal]);
-        let mut traced = Self { raw, alpha: frame.alpha, guides, spp: frame.info.spp, seconds: 0.0, carried: None };
+        let (spp, counts) = (frame.info.spp, frame.samples.take());
+        let mut traced = Self { raw, alpha: frame.alpha, guides, spp, counts, gbuffer: None, seconds: 0.0, carried: None };
         traced.carry(exposure)?;
         Ok(traced)
     }
@@ -131,7 +136,12 @@ impl Traced {
     /// When they have no guides.
     pub fn samples<'a>(&'a self, background: &'a Rgb) -> Result<Samples<'a>> {
         let [albedo, _] = self.guides.as_ref().context("samples without guides")?;
-        Ok(Samples { raw: &self.raw, alpha: &self.alpha, albedo, background, spp: self.spp })
+        Ok(Samples { raw: &self.raw, alpha: &self.alpha, albedo, background, spp: self.spp, counts: self.counts.as_ref() })
+    }
+
+    /// Samples of pixel `at`.
+    pub fn count(&self, at: usize) -> u32 {
+        self.counts.as_ref().map_or(self.spp, |counts| counts.pixels[at])
     }
 
     /// Wall seconds of preparing the samples for nearby frames.
@@ -249,11 +259,11 @@ pub fn add_up<'a>(own: &Traced, others: impl IntoIterator<Item = &'a Carried<'a>
             let mut turns: Vec<Option<(u32, Mat3A)>> = vec![None; others.len()];
             for (x, value) in row.iter_mut().enumerate() {
                 let i = y * picture.width + x;
-                let (mut sum, mut count) = (glam::Vec3A::from_array(*value) * own.spp as f32, own.spp as f32);
+                let (mut sum, mut count) = (glam::Vec3A::from_array(*value) * own.count(i) as f32, own.count(i) as f32);
                 for (other, turn) in others.iter().zip(&mut turns) {
                     let (Some(source), Some(there)) = (other.source.pixels[i], of(other.samples)) else { continue };
                     let share = other.share.as_ref().map_or(1.0, |share| share.pixels[i]);
-                    let weight = share * other.samples.spp as f32;
+                    let weight = share * other.samples.count(source as usize) as f32;
                     if weight <= 0.0 {
                         continue;
                     }
@@ -293,6 +303,8 @@ mod tests {
             alpha: Image::filled(2, 1, 1.0),
             guides: Some([flat([0.5; 3]), flat(normal)]),
             spp,
+            counts: None,
+            gbuffer: None,
             seconds: 0.0,
             carried: None,
         }

@@ -30,7 +30,7 @@ use renderflow_model::fusion::record::{ALL_BEFORE, Groups, PARTS, PICTURES, Sele
 use renderflow_model::fusion::training::Source;
 use renderflow_renderer::deferred::{self, Deferred, Options, ShadowTiles};
 use renderflow_renderer::denoise::{self, Denoiser, Quality};
-use renderflow_renderer::{Channels, RenderScene, Settings, render, render_gbuffer};
+use renderflow_renderer::{Budget, Channels, RenderScene, Settings, render, render_gbuffer};
 use renderflow_scenes::catalog::Catalog;
 use renderflow_scenes::description::Scene;
 use renderflow_scenes::seed::Seed;
@@ -68,6 +68,10 @@ pub struct Recipe {
     /// without frames around. They take less than half the time of the others, so that a network sees more scenes.
     #[serde(skip_serializing_if = "is_zero")]
     pub single: f64,
+    /// Share of the sequences with samples, 0..=1, whose samples are spread by the detail of the G-buffer
+    /// ([`renderflow_renderer::Budget::Detail`]), one part of one sample excepted. Their G-buffer is that of the first part.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub adaptive: f64,
     /// Samples for each pixel of the truth of a bare sequence.
     pub bare_spp: u32,
     /// The same for its keyframes, if it has any. Their noise is carried to the other frames. A network that learns from noisy
@@ -100,6 +104,7 @@ impl Default for Recipe {
             bare: 0.0,
             keyed: 0.0,
             single: 0.0,
+            adaptive: 0.0,
             bare_spp: 16,
             key_spp: 64,
             small: 0.0,
@@ -381,10 +386,19 @@ impl<'a> Maker<'a> {
                 carried.push(Keyframe { frame: gbuffer.clone(), truth, start });
             }
         }
+        let adaptive = kind.samples && seed.child("adaptive", 0).rng().random_bool(self.recipe.adaptive);
+        let trace = |scene: &mut RenderScene, samples: &[u32; PARTS], part: usize, surfaces: bool| {
+            scene.reseed(apart.wrapping_add(part as u64));
+            let settings = self.tracing(samples[part], surfaces, 0);
+            let budget = if adaptive && settings.spp > 1 { Budget::Detail } else { Budget::Uniform };
+            render(scene, &Settings { budget, ..settings }, &|_, _| (), self.cancel)
+        };
         for &number in between {
             scene.set_frame(number);
+            let samples = &self.samples(seed, number);
             scene.reseed(apart);
-            let gbuffer = render_gbuffer(&scene, &settings)?;
+            // Samples that are spread have a G-buffer of their own.
+            let gbuffer = if adaptive { trace(&mut scene, samples, 0, true)? } else { render_gbuffer(&scene, &settings)? };
             scene.reseed(truthful);
             let truth = fitting(truth(number, &scene)?, &gbuffer)?;
             for ((lit, records), carried) in lights.iter().zip(&mut records).zip(&carried) {
@@ -409,23 +423,18 @@ impl<'a> Maker<'a> {
                 continue;
             }
             let record = records[0].last_mut().context("the record of the frame")?;
-            let samples = self.samples(seed, number);
-            let trace = |scene: &mut RenderScene, part: usize, surfaces: bool| {
-                scene.reseed(apart.wrapping_add(part as u64));
-                self.trace(scene, samples[part], surfaces)
-            };
             for part in 1..PARTS {
-                let traced = trace(&mut scene, part, false)?;
+                let traced = trace(&mut scene, samples, part, false)?;
                 let behind = background(scene.camera(), &traced.alpha, &light.environment);
                 record.add_part(part, &Samples::of(&traced, &behind).context("samples")?, exposure);
             }
-            let own = Traced::of(trace(&mut scene, 0, false)?, exposure)?;
+            let own = Traced::of(trace(&mut scene, samples, 0, false)?, exposure)?;
             let behind = background(scene.camera(), &own.alpha, &light.environment);
             record.add_part(0, &own.samples(&behind)?, exposure);
             // The frames around have as many samples as the first part.
             let near = |&other: &usize| -> Result<(usize, Frame, Traced)> {
                 scene.set_frame(other);
-                let traced = trace(&mut scene, 0, true)?;
+                let traced = trace(&mut scene, samples, 0, true)?;
                 Ok((other, surface(&traced), Traced::of(traced, exposure)?))
             };
             let around = if kind.keys { Neighbours::Around.of(REACH, number, frames) } else { Vec::new() };
@@ -463,10 +472,6 @@ impl<'a> Maker<'a> {
     fn tracing(&self, spp: u32, surfaces: bool, light_groups: u32) -> Settings {
         let channels = Channels { guides: true, gbuffer: surfaces, ..Channels::BEAUTY };
         Settings { spp, max_bounces: self.recipe.max_bounces, channels, light_groups, ..Settings::default() }
-    }
-
-    fn trace(&self, scene: &RenderScene, spp: u32, surfaces: bool) -> Result<Frame> {
-        Ok(render(scene, &self.tracing(spp, surfaces, 0), &|_, _| (), self.cancel)?)
     }
 
     /// The truth of the frame at which `scene` stands, in a sequence of `seed`. `key` says whether it is a keyframe.

@@ -320,11 +320,12 @@ impl<T: Stored> NullaryFnOnce for Blocks<'_, T> {
             let (column, row) = (i % width, i / width);
             let (across, down) = augmentation.source((column, 2 * pair + row), (width, height));
             let (source, line) = ((x + across).min(record.width - 1), (y + down).min(record.height - 1));
-            T::read(&record.pixels[(line * record.width + source) * at::COUNT..][..at::COUNT], &mut stored);
+            let place = line * record.width + source;
+            T::read(&record.pixels[place * at::COUNT..][..at::COUNT], &mut stored);
             if changed {
                 augmentation.apply(&mut stored);
             }
-            pixels[i] = PixelInputs::new(&stored, selection);
+            pixels[i] = PixelInputs::new(&stored, selection, record.spread_at(place));
             truth[i] = [stored[at::TRUTH], stored[at::TRUTH + 1], stored[at::TRUTH + 2]];
             channels_of(&stored, &pixels[i], selection, &amounts, &mut read);
             let (block, sub) = (column / 2, row * 2 + column % 2);

@@ -20,8 +20,10 @@ pub struct Samples<'a> {
     pub albedo: &'a Rgb,
     /// Environment behind each pixel.
     pub background: &'a Rgb,
-    /// Samples per pixel.
+    /// Samples per pixel; their average where pixels have different numbers.
     pub spp: u32,
+    /// Samples of each pixel; all have `spp` if there is none.
+    pub counts: Option<&'a Image<u32>>,
 }
 
 /// Samples of another frame, for [`Record::add_neighbours`].
@@ -39,7 +41,10 @@ impl<'a> Samples<'a> {
     /// The samples of a path-traced frame, or `None` if it has no samples or no guides.
     pub fn of(frame: &'a Frame, background: &'a Rgb) -> Option<Self> {
         let (raw, albedo) = (frame.raw.as_ref()?, frame.guide_albedo.as_ref()?);
-        Some(Self { raw, alpha: &frame.alpha, albedo, background, spp: frame.info.spp })
+        let counts = frame.samples.as_ref();
+        // The spread of a record is of parts of more than one sample.
+        let spp = frame.info.spp.max(if counts.is_some() { 2 } else { 0 });
+        Some(Self { raw, alpha: &frame.alpha, albedo, background, spp, counts })
     }
 
     /// Radiance of the surface divided by its reflectance, times coverage, and coverage. `stored` holds the numbers of the pixel.
@@ -54,6 +59,11 @@ impl<'a> Samples<'a> {
             radiance(exposure * surface / tint[c])
         };
         [over(0), over(1), over(2), alpha]
+    }
+
+    /// Samples of pixel `i`.
+    fn count(&self, i: usize) -> f32 {
+        self.counts.map_or(self.spp, |counts| counts.pixels[i]) as f32
     }
 }
 
@@ -139,11 +149,16 @@ impl Record<f32> {
 
     /// Adds samples of this frame as part `part`.
     ///
+    /// Parts in which pixels have different numbers of samples must have them in the same proportions.
+    ///
     /// # Panics
     /// When `part` is not below [`PARTS`].
     pub fn add_part(&mut self, part: usize, samples: &Samples, exposure: f32) {
         assert!(part < PARTS, "part {part} of {PARTS}");
         self.parts[part] = samples.spp;
+        if let Some(counts) = samples.counts.filter(|_| samples.spp > 1) {
+            self.spread = counts.pixels.iter().map(|&count| count as f32 / samples.spp as f32).collect();
+        }
         self.each(|i, out| {
             let own = samples.at(i, out, exposure);
             out[at::SAMPLES + 4 * part..][..4].copy_from_slice(&own);
@@ -161,8 +176,9 @@ impl Record<f32> {
         self.each(|i, out| {
             let mut sum = [0.0; 4];
             for Nearby { samples, source, share } in frames {
-                let weight = share.map_or(1.0, |share| share.pixels[i]) * samples.spp as f32 / spp.max(1) as f32;
-                if let Some(there) = source.pixels[i].filter(|_| weight > 0.0) {
+                let share = share.map_or(1.0, |share| share.pixels[i]);
+                if let Some(there) = source.pixels[i].filter(|_| share > 0.0) {
+                    let weight = share * samples.count(there as usize) / spp.max(1) as f32;
                     let carried = samples.at(there as usize, out, exposure);
                     sum.iter_mut().zip(carried).for_each(|(sum, carried)| *sum += weight * carried);
                 }
@@ -180,11 +196,11 @@ impl Record<f32> {
         let row = self.width.max(1);
         let guides = albedos.pixels.par_iter_mut().zip(&mut normals.pixels);
         let stored = self.pixels.par_chunks_exact(at::COUNT).with_min_len(row);
-        stored.zip(&mut colors.pixels).zip(guides).for_each(|((stored, color), (albedo, normal))| {
-            let pixel = PixelInputs::new(stored, selection);
+        stored.enumerate().zip(&mut colors.pixels).zip(guides).for_each(|(((i, stored), color), (albedo, normal))| {
+            let pixel = PixelInputs::new(stored, selection, self.spread_at(i));
             let sum: [f32; 4] = std::array::from_fn(|c| pixel.own[c] + pixel.others.iter().map(|other| other[c]).sum::<f32>());
             // The coverage of the pixel in its own samples.
-            let covered = (pixel.own[3] / selection.spp().max(1.0)).clamp(0.0, 1.0);
+            let covered = (pixel.own[3] / pixel.spp.max(1.0)).clamp(0.0, 1.0);
             let scale = if sum[3] > 0.0 { covered / sum[3] } else { 0.0 };
             let of = |c: usize| sum[c] * scale * pixel.tint[c] + (1.0 - covered) * pixel.background[c];
             *color = [of(0), of(1), of(2)].map(|v| v / exposure);
@@ -293,7 +309,7 @@ mod tests {
         let (mut raw, albedo, behind) = (flat(0.0), Rgb::filled(2, 1, [0.5, 0.25, 0.125]), flat(0.0));
         raw.pixels[1] = [0.52, 0.27, 0.145].map(|tint| 6.0 * tint / 4.0);
         let alpha = Image::filled(2, 1, 1.0);
-        let samples = Samples { raw: &raw, alpha: &alpha, albedo: &albedo, background: &behind, spp: 6 };
+        let samples = Samples { raw: &raw, alpha: &alpha, albedo: &albedo, background: &behind, spp: 6, counts: None };
         let source = Image::filled(4, 2, Some(1));
         let shares = [1.0, 1.0 / 3.0, 0.0].map(|share| Image::filled(4, 2, share));
         let given = [None, Some(&shares[0]), Some(&shares[1]), Some(&shares[2])];
@@ -310,5 +326,41 @@ mod tests {
         let [color, ..] = record.noisy(&Selection::all(&record), 4.0);
         let expected = (0.5 * (2.0 + 6.0 * 8.0) / 9.0 * 0.52 + 0.5) / 4.0;
         assert!((color.pixels[5][0] - expected).abs() < 1e-5, "{} and {expected}", color.pixels[5][0]);
+        // Where pixels have different numbers, each of their samples counts as much.
+        let counts = Image { width: 2, height: 1, pixels: vec![9, 3] };
+        let few = Samples { counts: Some(&counts), ..samples };
+        record.add_neighbours(0, &[Nearby { samples: few, source: &source, share: None }], 4.0);
+        let [color, ..] = record.noisy(&Selection::all(&record), 4.0);
+        let expected = (0.5 * (2.0 + 3.0 * 6.0) / 4.0 * 0.52 + 0.5) / 4.0;
+        assert!((color.pixels[5][0] - expected).abs() < 1e-5, "{} and {expected}", color.pixels[5][0]);
+    }
+
+    /// The network is told the number of samples of each pixel, in the frame's own part, and coverage stays what it was.
+    #[test]
+    fn pixels_say_how_many_samples_they_have() {
+        let [raw, albedo, behind] = [(); 3].map(|()| Rgb::filled(4, 2, [0.5; 3]));
+        let alpha = Image::filled(4, 2, 0.5);
+        let mut counts = Image::filled(4, 2, 4);
+        counts.pixels[5] = 16;
+        let even = Samples { raw: &raw, alpha: &alpha, albedo: &albedo, background: &behind, spp: 4, counts: None };
+        let read = |samples: Samples| {
+            let mut record = Record::<f32>::new(4, 2);
+            record.pixels.chunks_exact_mut(at::COUNT).for_each(|stored| stored[at::ALPHA] = 0.5);
+            record.add_part(0, &samples, 1.0);
+            let selection = Selection::all(&record);
+            [4, 5].map(|i| {
+                let stored = &record.pixels[i * at::COUNT..][..at::COUNT];
+                let pixel = PixelInputs::new(stored, &selection, record.spread_at(i));
+                let mut channels = [0.0; super::super::record::MOST_CHANNELS];
+                super::super::record::channels_of(stored, &pixel, &selection, &selection.amounts(), &mut channels);
+                (pixel.spp, pixel.own[3], channels[at::BACKGROUND + 3..at::BACKGROUND + 5].to_vec())
+            })
+        };
+        let [usual, same] = read(even);
+        assert_eq!(usual, same);
+        let [other, more] = read(Samples { counts: Some(&counts), ..even });
+        assert_eq!(other, usual);
+        assert_eq!((more.0, more.1, more.2[0]), (16.0, 8.0, usual.2[0]));
+        assert!((more.2[1] - 0.3 * 17.0_f32.ln()).abs() < 1e-6 && (usual.2[1] - 0.3 * 5.0_f32.ln()).abs() < 1e-6);
     }
 }

@@ -116,6 +116,9 @@ pub struct Record<T> {
     pub distances: [Option<f32>; KEYS],
     /// Samples per pixel of each part; 0 if it is not given.
     pub parts: [u32; PARTS],
+    /// Samples of each pixel, relative to their number in `parts`, in every part of more than one sample; empty if all pixels have
+    /// as many.
+    pub spread: Vec<f32>,
     /// Samples per pixel of each sum of neighbours, whether they hold or not; 0 if it is not given.
     pub neighbours: [u32; NEIGHBOURS],
     /// Whether each denoised picture is given.
@@ -133,6 +136,11 @@ impl<T> Record<T> {
             neighbours: samples && self.neighbours.iter().any(|&spp| spp > 0),
             denoised: samples && self.denoised.contains(&true),
         }
+    }
+
+    /// [`Self::spread`] of pixel `at`.
+    pub fn spread_at(&self, at: usize) -> f32 {
+        self.spread.get(at).copied().unwrap_or(1.0)
     }
 }
 
@@ -153,6 +161,7 @@ impl Record<f32> {
             deferred: self.deferred,
             distances: self.distances,
             parts: self.parts,
+            spread: self.spread.clone(),
             neighbours: self.neighbours,
             denoised: self.denoised,
         }
@@ -227,6 +236,8 @@ pub struct PixelInputs {
     pub trust: [f32; KEYS],
     /// Samples divided by the reflectance, and their coverage, both times the number of samples.
     pub own: [f32; 4],
+    /// The number of samples.
+    pub spp: f32,
     /// The same for each neighbour.
     pub others: [[f32; 4]; NEIGHBOURS],
     /// Radiance of the surface in the denoised picture, if one is used.
@@ -234,9 +245,9 @@ pub struct PixelInputs {
 }
 
 impl PixelInputs {
-    /// The inputs from the [`at::COUNT`] numbers of a pixel.
+    /// The inputs from the [`at::COUNT`] numbers of a pixel, and its [`Record::spread`].
     #[inline(always)]
-    pub fn new(stored: &[f32], selection: &Selection) -> Self {
+    pub fn new(stored: &[f32], selection: &Selection, spread: f32) -> Self {
         let three = |from: usize| [stored[from], stored[from + 1], stored[from + 2]];
         let mut pixel = Self {
             alpha: stored[at::ALPHA],
@@ -261,6 +272,8 @@ impl PixelInputs {
         if groups.samples {
             pixel.reflected = three(at::REFLECTED);
             for (part, spp) in selection.parts.iter().enumerate().filter(|(_, spp)| **spp > 0.0) {
+                let spp = if *spp > 1.0 { spp * spread } else { *spp };
+                pixel.spp += spp;
                 for (sum, value) in pixel.own.iter_mut().zip(&stored[at::SAMPLES + 4 * part..]) {
                     *sum += spp * value;
                 }
@@ -397,7 +410,8 @@ pub fn channels_of(
         }
     }
     if groups.samples {
-        channels.traced(pixel.own, amounts[0]);
+        let usual = pixel.spp == amounts[0].spp;
+        channels.traced(pixel.own, if usual { amounts[0] } else { Amount::of(pixel.spp) });
         channels.colour(three(at::LIT));
         // Divided by the reflectance, as samples are.
         channels.colour(std::array::from_fn(|c| pixel.reflected[c] / pixel.tint[c]));

@@ -33,7 +33,7 @@ impl References {
                     .chunks_exact(at::COUNT)
                     .map(|pixel| {
                         f16::read(pixel, &mut stored);
-                        let pixel = PixelInputs::new(&stored, &selection);
+                        let pixel = PixelInputs::new(&stored, &selection, 1.0);
                         let surface = pixel.denoised.unwrap_or_default();
                         [0, 1, 2].map(|c| pixel.alpha * surface[c] + (1.0 - pixel.alpha) * pixel.background[c])
                     })

@@ -84,6 +84,7 @@ impl Train {
             ("bare", recipe.bare),
             ("keyed", recipe.keyed),
             ("single", recipe.single),
+            ("adaptive", recipe.adaptive),
             ("small", recipe.small),
         ];
         for (name, share) in shares {

@@ -75,6 +75,9 @@ struct Header {
     parts: [u32; PARTS],
     neighbours: [u32; NEIGHBOURS],
     denoised: [bool; PICTURES],
+    /// Whether [`Record::spread`] follows the pixels.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    spread: bool,
 }
 
 /// A source whose sequences are kept in a folder.
@@ -191,6 +194,7 @@ fn encode(records: &[Record<f16>]) -> Result<Vec<u8>> {
             distances: record.distances,
             parts: record.parts,
             neighbours: record.neighbours,
+            spread: !record.spread.is_empty(),
             denoised: record.denoised,
         })
         .collect();
@@ -215,12 +219,16 @@ fn decode(bytes: &[u8]) -> Result<Vec<Record<f16>>> {
 /// The pixels of a record, by planes and compressed.
 fn pack(record: &Record<f16>) -> Result<Vec<u8>> {
     let count = record.width * record.height;
-    let mut planes = vec![0; 2 * count * at::COUNT];
-    let (high, low) = planes.split_at_mut(count * at::COUNT);
+    let values = count * at::COUNT + record.spread.len();
+    let mut planes = vec![0; 2 * values];
+    let (high, low) = planes.split_at_mut(values);
     for (p, pixel) in record.pixels.chunks_exact(at::COUNT).enumerate() {
         for (channel, value) in pixel.iter().enumerate() {
             [low[channel * count + p], high[channel * count + p]] = value.to_le_bytes();
         }
+    }
+    for (p, spread) in record.spread.iter().enumerate() {
+        [low[at::COUNT * count + p], high[at::COUNT * count + p]] = f16::from_f32(*spread).to_le_bytes();
     }
     let mut encoder = zstd::Encoder::new(Vec::new(), LEVEL)?;
     encoder.include_checksum(true)?;
@@ -230,21 +238,24 @@ fn pack(record: &Record<f16>) -> Result<Vec<u8>> {
 
 /// The record that [`pack`] compressed.
 fn unpack(header: Header, block: &[u8]) -> Result<Record<f16>> {
-    let Header { width, height, deferred, distances, parts, neighbours, denoised } = header;
-    let size = width.checked_mul(height).and_then(|count| count.checked_mul(2 * at::COUNT));
+    let Header { width, height, deferred, distances, parts, neighbours, denoised, spread } = header;
+    let channels = at::COUNT + usize::from(spread);
+    let size = width.checked_mul(height).and_then(|count| count.checked_mul(2 * channels));
     let size = size.filter(|size| *size > 0 && *size <= 1 << 32).context("a frame of impossible size")?;
     let mut planes = Vec::new();
     zstd::Decoder::new(block)?.take(size as u64 + 1).read_to_end(&mut planes)?;
     ensure!(planes.len() == size, "a frame of {} bytes where its header says {size}", planes.len());
     let count = width * height;
-    let (high, low) = planes.split_at(count * at::COUNT);
+    let (high, low) = planes.split_at(count * channels);
+    let value_at = |at: usize| f16::from_le_bytes([low[at], high[at]]);
     let mut pixels = vec![f16::ZERO; count * at::COUNT];
     for (p, pixel) in pixels.chunks_exact_mut(at::COUNT).enumerate() {
         for (channel, value) in pixel.iter_mut().enumerate() {
-            *value = f16::from_le_bytes([low[channel * count + p], high[channel * count + p]]);
+            *value = value_at(channel * count + p);
         }
     }
-    Ok(Record { width, height, pixels, deferred, distances, parts, neighbours, denoised })
+    let spread = (at::COUNT * count..channels * count).map(|at| value_at(at).to_f32()).collect();
+    Ok(Record { width, height, pixels, deferred, distances, parts, spread, neighbours, denoised })
 }
 
 #[cfg(test)]
@@ -266,6 +277,7 @@ mod tests {
                     deferred: f == 0,
                     distances: [Some(-3.0), None],
                     parts: [4, 1, 0, 0],
+                    spread: if f == 1 { (0..32 * 8).map(|k| [0.5, 1.0, 4.0][k % 3]).collect() } else { Vec::new() },
                     neighbours: [1, 0, 0, 2],
                     denoised: [true, false, false, false, true, false],
                     ..record.to_half()
@@ -294,7 +306,7 @@ mod tests {
         a.len() == b.len()
             && a.iter().zip(b).all(|(a, b)| {
                 (a.width, a.height, a.deferred, a.distances) == (b.width, b.height, b.deferred, b.distances)
-                    && (a.parts, a.neighbours, a.denoised) == (b.parts, b.neighbours, b.denoised)
+                    && (a.parts, &a.spread, a.neighbours, a.denoised) == (b.parts, &b.spread, b.neighbours, b.denoised)
                     && bits(a) == bits(b)
             })
     }
