@@ -333,12 +333,25 @@ fn frames_are_cleaned_with_the_samples_of_frames_around_them() {
         }
     }
 
+    // Samples that are spread go to detail, and the sequence says so; its map makes the same picture again.
+    let adaptive = [&neural[..], &["--adaptive"]].concat();
+    made("adaptive", "5", &[&adaptive[..], &["--neighbours", "around"]].concat());
+    made("spread", "5", &adaptive);
+    made("again", "5", &[&neural[2..], &["--sample-map", &path("spread").display().to_string()]].concat());
+    let [together, spread, again] = ["adaptive", "spread", "again"].map(|out| frame(out, 2));
+    assert_eq!((spread.info.sampling.as_str(), spread.info.branches), ("detail 2", None));
+    let counts = &spread.samples.as_ref().unwrap().pixels;
+    assert!(counts.contains(&1) && counts.iter().any(|&count| count >= 4), "{counts:?}");
+    assert_eq!((&together.raw, &together.samples), (&spread.raw, &spread.samples));
+    assert_eq!((again.raw, again.beauty), (spread.raw, spread.beauty.clone()));
+    assert_ne!(together.beauty, spread.beauty);
+
     // Frames that were denoised by themselves are of other settings, and some things do not go together.
     for (out, frames, more, reason) in [
         ("alone", "5", &around[..], "the denoiser was"),
         ("one", "1", &around[..], "--neighbours: the scene has one frame"),
         ("none", "5", &["--spp", "2", "--denoise", "none", "--neighbours", "before"], "--denoise none has none"),
-        ("adaptive", "5", &["--adaptive", "--neighbours", "before"], "cannot be used with"),
+        ("timed", "5", &["--time-budget", "1", "--neighbours", "before"], "cannot be used with"),
     ] {
         let refused = run(out, frames, more);
         assert!(!refused.status.success() && stderr(&refused).contains(reason), "{}", stderr(&refused));

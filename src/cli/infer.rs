@@ -51,6 +51,9 @@ pub struct Infer {
     /// Trace this many samples for each pixel, instead of deferred shading
     #[arg(long, value_name = "SAMPLES", value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Sampling")]
     rays: Option<u32>,
+    /// Spread the samples of --rays: more where the G-buffer shows detail, and as many on average
+    #[arg(long, requires = "rays", help_heading = "Sampling")]
+    adaptive: bool,
     /// Also use the samples of frames around the frame, as far as they agree
     #[arg(long, value_enum, requires = "rays", help_heading = "Sampling")]
     neighbours: Option<Neighbours>,
@@ -172,8 +175,9 @@ impl Infer {
         let neighbours = self.neighbours.unwrap_or(Neighbours::Alone).suffix();
         let usual = || if Denoiser::new().is_ok() { Clean::High } else { Clean::Raw };
         let denoised = self.denoised.unwrap_or_else(usual).suffix();
+        let adaptive = if self.adaptive { "+adaptive" } else { "" };
         let id = match self.rays {
-            Some(rays) => format!("pt{rays}{denoised}+neural{neighbours}{keys}"),
+            Some(rays) => format!("pt{rays}{adaptive}{denoised}+neural{neighbours}{keys}"),
             None => format!("neural{keys}"),
         };
         let methods = [Method::parse(&id)?];

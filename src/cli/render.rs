@@ -65,7 +65,7 @@ pub struct Render {
     /// Denoise each frame with the samples of frames around it as well, as far as they agree. Less error and less flicker remain.
     /// Frames are denoised once all are rendered
     #[arg(long, value_enum, help_heading = "Denoising",
-        conflicts_with_all = ["adaptive", "target_error", "time_budget", "sample_map", "reference", "tev"])]
+        conflicts_with_all = ["target_error", "time_budget", "sample_map", "reference", "tev"])]
     neighbours: Option<Neighbours>,
     /// Weights of the network of --denoise neural; those inside the program without it
     #[arg(long, value_name = "FILE", help_heading = "Network")]
@@ -197,7 +197,8 @@ fn middle(loaded: &LoadedScene) -> Result<Option<f32>> {
 #[command(next_help_heading = "Sampling")]
 #[group(multiple = false)]
 struct AdaptiveArgs {
-    /// Spend --spp samples for each pixel on average, and more where the picture is noisier
+    /// Spend --spp samples for each pixel on average, and more where the picture is noisier; below 32 samples, which say too
+    /// little about noise, a picture that is denoised gets more where its G-buffer shows detail
     #[arg(long)]
     adaptive: bool,
     /// Sample until the estimated relMSE of a frame is this small, with at most --max-spp for each pixel on average
@@ -304,6 +305,9 @@ impl Render {
             ensure!(scene.frames > 1, "--neighbours: the scene has one frame; --frames makes more");
             ensure!(self.trace.denoise != Denoise::None, "--neighbours: is for a denoiser, and --denoise none has none");
             settings = settings.with_neighbours(neighbours, scene.frames as usize)?;
+        }
+        if self.adaptive.adaptive {
+            settings.render.budget = Budget::adaptive(spp, settings.denoiser_name().is_some());
         }
         let later = settings.denoises_later();
         (settings.sample_map, settings.distance) = (self.adaptive.sample_map, self.distance);

@@ -420,8 +420,9 @@ mod tests {
 
     #[test]
     fn parts_of_a_name_say_what_they_say() {
-        let traced =
-            |samples, clean, guides, neighbours| Method::Traced(Tracing { samples, clean, guides, neighbours, keyframes: false });
+        let traced = |samples, clean, guides, neighbours| {
+            Method::Traced(Tracing { samples, adaptive: false, clean, guides, neighbours, keyframes: false })
+        };
         let (own, alone) = (Guides::Own, Neighbours::Alone);
         for (id, expected) in [
             ("pt4", traced(Samples::Count(4), Clean::Raw, own, alone)),
@@ -434,6 +435,13 @@ mod tests {
             ("equal-pt4+fast", traced(Samples::AsLongAs("pt4".into()), Clean::Fast, own, alone)),
         ] {
             assert_eq!(Method::parse(id).unwrap(), expected, "{id}");
+        }
+        let spread = |id: &str| match Method::parse(id).unwrap() {
+            Method::Traced(tracing) => (tracing.adaptive, Method::Traced(tracing).id()),
+            _ => unreachable!(),
+        };
+        for id in ["pt4+adaptive+oidn", "pt-50ms+adaptive+oidn+neural+around", "equal-pt4+adaptive+oidn"] {
+            assert_eq!(spread(id), (!id.starts_with("equal"), id.to_owned()));
         }
     }
 
@@ -463,6 +471,8 @@ mod tests {
             "pt0",
             "pt99999",
             "pt4+nice",
+            "pt4+adaptive",
+            "pt4+oidn+adaptive",
             "pt4+gbuffer",
             "pt4+around",
             "pt4+around+oidn",

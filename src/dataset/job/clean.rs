@@ -15,7 +15,7 @@ use renderflow_model::fusion::fill::{Samples, background};
 use renderflow_model::fusion::record::Selection;
 use renderflow_model::fusion::{Fusion, Record};
 use renderflow_renderer::denoise::{DenoiseError, Denoiser, Options};
-use renderflow_renderer::{RenderScene, Settings, render_gbuffer_until};
+use renderflow_renderer::{Budget, RenderScene, Settings, render_gbuffer_until};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Bytes of a pixel of three channels.
@@ -150,9 +150,9 @@ impl Cleaner {
             }
             Self::Neural { network, oidn, .. } => {
                 // The network was trained with G-buffers of this many camera rays for each pixel, even where there are fewer
-                // samples.
+                // samples; but where these are spread by detail, with their own.
                 let usual = Settings { channels: BUFFERS, ..Settings::default() };
-                let few = settings.camera_samples() < usual.guide_samples;
+                let few = settings.camera_samples() < usual.guide_samples && settings.budget != Budget::Detail;
                 let gbuffer = few.then(|| render_gbuffer_until(scene, &usual, cancel)).transpose();
                 cancel.check()?;
                 let gbuffer = gbuffer?;

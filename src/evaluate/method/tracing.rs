@@ -49,6 +49,9 @@ pub enum Guides {
 pub struct Tracing {
     /// The number of samples.
     pub samples: Samples,
+    /// Whether the samples are spread by the detail of the G-buffer ([`renderflow_renderer::Budget::Detail`]). Their number is the
+    /// average then.
+    pub adaptive: bool,
     /// How the picture is denoised.
     pub clean: Clean,
     /// Where the denoiser's guides come from, if it is denoised.
@@ -95,7 +98,7 @@ impl Tracing {
             let to = Method::parse(to)?;
             let timed = !matches!(&to, Method::Traced(Self { samples: Samples::AsLongAs(_), .. }));
             ensure!(timed, "{id}: needs a method with a time of its own");
-            return Ok(Self { samples: Samples::AsLongAs(to.id()), clean, guides, neighbours, keyframes });
+            return Ok(Self { samples: Samples::AsLongAs(to.id()), adaptive: false, clean, guides, neighbours, keyframes });
         }
         let neural = cut(&mut rest, "+neural");
         let denoised = if cut(&mut rest, "+oidn") {
@@ -111,15 +114,21 @@ impl Tracing {
             Some(_) => Clean::High,
             None => Clean::Raw,
         };
+        let adaptive = cut(&mut rest, "+adaptive");
         let Some(samples) = rest.strip_prefix("pt") else { bail!("there is no method {id:?}") };
         if let Some((_, after)) = samples.split_once('+') {
             bail!(
-                "{id}: +{after} has no place there: +oidn or +fast, +neural, then +gbuffer, then +around or +before, then +keys"
+                "{id}: +{after} has no place there: +adaptive, +oidn or +fast, +neural, then +gbuffer, then +around or +before, then \
+                 +keys"
             );
         }
         ensure!(
             clean != Clean::Raw || (guides, neighbours) == (Guides::Own, Neighbours::Alone),
             "{id}: +gbuffer, +around and +before are for the denoiser: put +oidn, +fast or +neural before"
+        );
+        ensure!(
+            !adaptive || clean != Clean::Raw,
+            "{id}: +adaptive is for pictures that are denoised: put +oidn, +fast or +neural after"
         );
         ensure!(!keyframes || neural, "{id}: +keys is for the network: put +neural before");
         // The network always reads the G-buffer.
@@ -134,7 +143,7 @@ impl Tracing {
                 _ => bail!("{id}: {samples:?} is no number of samples, 1..=65536"),
             },
         };
-        Ok(Self { samples, clean, guides, neighbours, keyframes })
+        Ok(Self { samples, adaptive, clean, guides, neighbours, keyframes })
     }
 
     /// Name in files and options.
@@ -145,9 +154,10 @@ impl Tracing {
             (Samples::AsLongAs(to), Clean::Fast) => (format!("equal-{to}"), "+fast"),
             (Samples::AsLongAs(to), _) => (format!("equal-{to}"), ""),
         };
+        let adaptive = if self.adaptive { "+adaptive" } else { "" };
         let guides = if self.guides == Guides::GBuffer { "+gbuffer" } else { "" };
         let keyframes = if self.keyframes { "+keys" } else { "" };
-        format!("{from}{clean}{guides}{}{keyframes}", self.neighbours.suffix())
+        format!("{from}{adaptive}{clean}{guides}{}{keyframes}", self.neighbours.suffix())
     }
 
     /// The frames whose samples are used for frame `index` of `count`, nearest first, without the frame itself.
@@ -157,9 +167,10 @@ impl Tracing {
 
     /// Describes what follows the samples.
     fn words(&self) -> String {
+        let adaptive = if self.adaptive { " adaptive" } else { "" };
         let guides = if self.guides == Guides::GBuffer { ", guided by a G-buffer" } else { "" };
         let keyframes = if self.keyframes { ", keyframes" } else { "" };
-        format!("{}{guides}{}{keyframes}", self.clean.label(), self.neighbours.label())
+        format!("{adaptive}{}{guides}{}{keyframes}", self.clean.label(), self.neighbours.label())
     }
 
     /// The facts about it for tables and plots.
@@ -185,6 +196,7 @@ impl Tracing {
         }
         note.extend(match self.guides {
             Guides::Own if self.clean == Clean::Raw => None,
+            Guides::Own if self.clean.is_neural() && self.adaptive => Some("its G-buffer comes from its own camera rays"),
             Guides::Own if self.clean.is_neural() => Some("pays for the G-buffer"),
             Guides::Own => Some("guided by its own camera rays"),
             Guides::GBuffer => Some("pays for the G-buffer"),
@@ -249,7 +261,7 @@ impl Clean {
 }
 
 /// The lines about path-traced rows in the help: a name, and its meaning.
-pub(super) const HELP: [(&str, &str); 6] = [
+pub(super) const HELP: [(&str, &str); 7] = [
     (
         "pt4, pt4+oidn, pt4+fast",
         "path tracing with 4 samples per pixel: raw, denoised by OIDN with least error, or in least time; the denoiser is guided by the camera \
@@ -262,6 +274,11 @@ pub(super) const HELP: [(&str, &str); 6] = [
     (
         "equal-deferred",
         "path tracing + OIDN in the seconds of another method (here deferred); equal-deferred+fast with OIDN in least time",
+    ),
+    (
+        "pt4+adaptive+oidn",
+        "4 samples per pixel on average, and more where the G-buffer shows detail; with any denoiser, and with seconds as well \
+         (pt-50ms+adaptive+oidn+neural). The network then takes its G-buffer from the camera rays of the samples",
     ),
     ("...+gbuffer", "after one of these with OIDN: guided by a G-buffer of 16 camera rays per pixel, whose seconds it pays for"),
     (

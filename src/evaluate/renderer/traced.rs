@@ -18,7 +18,7 @@ use renderflow_frame::image::Rgb;
 
 use renderflow_frame::Frame;
 use renderflow_renderer::denoise::{self, Denoiser, Quality};
-use renderflow_renderer::{Channels, RenderScene, Settings, render, render_gbuffer};
+use renderflow_renderer::{Budget, Channels, RenderScene, Settings, detail_map, render, render_gbuffer, render_mapped};
 use std::collections::BTreeMap;
 
 /// Two renders with these numbers of samples for each pixel give the time of any number.
@@ -36,20 +36,35 @@ struct Needs {
     guides: bool,
     /// The surfaces that the pixels' centres see.
     surfaces: bool,
+    /// Samples that are spread by the detail of the G-buffer.
+    adaptive: bool,
+    /// Whether the row pays for a G-buffer of its own, which also says how the samples are spread.
+    paid: bool,
 }
 
 impl Needs {
     fn of(tracing: &Tracing) -> Self {
         // The network divides samples by the albedo that they saw.
+        let adaptive = tracing.adaptive;
+        // The network divides samples by the albedo that they saw. Where they are spread, their camera rays are its G-buffer as
+        // well.
         if tracing.clean.is_neural() {
-            return Self { guides: true, surfaces: false };
+            return Self { guides: true, surfaces: adaptive, adaptive, paid: false };
         }
+        let paid = adaptive && tracing.guides == Guides::GBuffer;
         // A G-buffer holds both.
         let own = tracing.guides == Guides::Own;
-        Self { guides: own && tracing.clean != Clean::Raw, surfaces: own && tracing.neighbours != Neighbours::Alone }
+        Self {
+            guides: own && tracing.clean != Clean::Raw,
+            surfaces: own && tracing.neighbours != Neighbours::Alone,
+            adaptive,
+            paid,
+        }
     }
 }
 
+/// Stored index, needs, and samples for each pixel of a frame.
+type Key = (usize, Needs, u32);
 /// How a picture is denoised, and whether OIDN is told that the guides are clean.
 type Effort = (Clean, bool);
 
@@ -81,7 +96,7 @@ pub struct Tracer<'a> {
     /// Seconds that the frames so far have left over, by row, for rows with given seconds.
     left: BTreeMap<String, f64>,
     /// By stored index, by needs, and by samples for each pixel.
-    traced: BTreeMap<(usize, Needs, u32), Traced>,
+    traced: BTreeMap<Key, Traced>,
     /// The surfaces that the pixels' centres see, in frames whose samples are carried.
     surfaces: BTreeMap<usize, Frame>,
 }
@@ -119,7 +134,7 @@ impl<'a> Tracer<'a> {
     /// Does what only the first frame would need: fills caches, builds the denoisers' networks, and measures how the time of path
     /// tracing grows with the samples.
     pub fn warm_up(&mut self, scene: &mut RenderScene, methods: &[Method], current: Current) -> Result<()> {
-        let Current { buffer, cancel, .. } = current;
+        let buffer = current.buffer;
         for needs in tracings(methods).map(Needs::of) {
             if self.rates.contains_key(&needs) {
                 continue;
@@ -128,7 +143,7 @@ impl<'a> Tracer<'a> {
             // The first round fills the caches. The faster one counts, since other processes may delay either.
             for _ in 0..2 {
                 for (seconds, spp) in seconds.iter_mut().zip(PROBES) {
-                    *seconds = seconds.min(self.trace(scene, buffer.index, needs, spp, cancel)?.seconds);
+                    *seconds = seconds.min(self.trace(scene, (buffer.index, needs, spp), current)?.seconds);
                 }
             }
             // Samples are not free, even if another process delayed the first render.
@@ -183,7 +198,7 @@ impl<'a> Tracer<'a> {
         given: Option<f64>,
         current: Current,
     ) -> Result<(Rgb, f64, u32)> {
-        let Current { buffer, fused, cancel } = current;
+        let Current { buffer, fused, .. } = current;
         let needs = Needs::of(tracing);
         let others = tracing.others(buffer.index, self.sequence.len());
         let frames: Vec<usize> = std::iter::once(buffer.index).chain(others).collect();
@@ -202,7 +217,7 @@ impl<'a> Tracer<'a> {
             };
             let key = (index, needs, spp);
             if !self.traced.contains_key(&key) {
-                let traced = self.trace(scene, index, needs, spp, cancel)?;
+                let traced = self.trace(scene, key, current)?;
                 self.learn(needs, &traced);
                 self.traced.insert(key, traced);
             }
@@ -222,6 +237,10 @@ impl<'a> Tracer<'a> {
             let mut denoiser = key.and_then(|key| self.denoisers.remove(&key));
             let own = &self.traced[&keys[0]];
             let (others, gathering) = timed(|| Ok(self.carried(&keys)))?;
+            let mut buffer = buffer;
+            if let Some(frame) = &own.gbuffer {
+                buffer = Buffer { frame, seconds: 0.0, ..buffer };
+            }
             let drawn = network.traced(buffer, own, (&frames[1..], &others), tracing.keyframes, denoiser.as_mut());
             let (seconds, spp) = (own.seconds + own.preparing(), own.spp);
             self.denoisers.extend(key.zip(denoiser));
@@ -268,21 +287,34 @@ impl<'a> Tracer<'a> {
         self.counts.retain(|(_, other), _| near(*other));
     }
 
-    /// Path-traces a frame with the channels that are needed.
-    fn trace(&mut self, scene: &mut RenderScene, index: usize, needs: Needs, spp: u32, cancel: &Cancel) -> Result<Traced> {
+    /// Path-traces a frame with the channels that are needed. `current` is the frame that is being made.
+    fn trace(&mut self, scene: &mut RenderScene, (index, needs, spp): Key, current: Current) -> Result<Traced> {
+        let cancel = current.cancel;
         let channels = Channels { gbuffer: needs.surfaces, guides: needs.guides, ..Channels::BEAUTY };
-        let settings = Settings { spp, max_bounces: self.max_bounces, channels, ..Settings::default() };
+        let budget = if needs.adaptive { Budget::Detail } else { Budget::Uniform };
+        let settings = Settings { spp, max_bounces: self.max_bounces, channels, budget, ..Settings::default() };
         scene.set_frame(self.sequence.numbers[index]);
-        let rendered = timed(|| Ok(render(scene, &settings, &|_, _| (), cancel)?));
+        // The row pays for the G-buffer of its frame alone.
+        let paid = needs.paid && index == current.buffer.index;
+        let rendered = timed(|| {
+            Ok(if paid {
+                let map = detail_map(current.buffer.frame, spp)?;
+                render_mapped(scene, &settings, &map, &|_, _| (), cancel)?.0
+            } else {
+                render(scene, &settings, &|_, _| (), cancel)?
+            })
+        });
         cancel.check()?;
         let (mut frame, seconds) = rendered?;
         let raw = frame.raw.take().context("the path tracer made no picture")?;
         let alpha = std::mem::take(&mut frame.alpha);
+        let own = needs.adaptive && needs.surfaces && needs.guides;
+        let (samples, gbuffer) = (frame.samples.take(), own.then(|| Box::new(Frame { alpha: alpha.clone(), ..frame.clone() })));
         let guides = frame.guide_albedo.take().zip(frame.guide_normal.take()).map(|(albedo, normal)| [albedo, normal]);
         if needs.surfaces {
             self.surfaces.entry(index).or_insert_with(|| surface(&frame));
         }
-        Ok(Traced { raw, alpha, guides: guides.filter(|_| needs.guides), spp, seconds, carried: None })
+        Ok(Traced { raw, alpha, guides: guides.filter(|_| needs.guides), spp, counts: samples, gbuffer, seconds, carried: None })
     }
 
     /// Finds the surfaces that the pixels' centres see in `frames`. Where samples did not record them, a G-buffer is made,
@@ -306,12 +338,12 @@ impl<'a> Tracer<'a> {
     }
 
     /// The samples of the first frame together with those of the others, weighted by their numbers; likewise the guides.
-    fn gather(&self, keys: &[(usize, Needs, u32)]) -> (Rgb, Option<[Rgb; 2]>) {
+    fn gather(&self, keys: &[Key]) -> (Rgb, Option<[Rgb; 2]>) {
         add_up(&self.traced[&keys[0]], &self.carried(keys), &self.surfaces[&keys[0].0].object_id)
     }
 
     /// The samples of all but the first frame, ready to be carried to it.
-    fn carried(&self, keys: &[(usize, Needs, u32)]) -> Vec<Carried<'_>> {
+    fn carried(&self, keys: &[Key]) -> Vec<Carried<'_>> {
         if keys.len() < 2 {
             return Vec::new();
         }
@@ -344,7 +376,7 @@ impl<'a> Tracer<'a> {
         // The network's seconds include those of gathering.
         let gathered = self.gathered.get(&tracing.neighbours).filter(|_| !tracing.clean.is_neural());
         let mut others = usual(gathered).unwrap_or(0.0);
-        if tracing.guides == Guides::GBuffer || tracing.clean.is_neural() {
+        if tracing.guides == Guides::GBuffer || (tracing.clean.is_neural() && !Needs::of(tracing).surfaces) {
             others += buffer.seconds;
         }
         let frames = 1 + tracing.others(index, self.sequence.len()).len() as u32;
@@ -429,7 +461,7 @@ mod tests {
     fn rows_ask_for_what_they_read() {
         let needs = |id: &str| {
             let Method::Traced(tracing) = Method::parse(id).unwrap() else { unreachable!() };
-            let Needs { guides, surfaces } = Needs::of(&tracing);
+            let Needs { guides, surfaces, .. } = Needs::of(&tracing);
             [guides, surfaces]
         };
         assert_eq!(needs("pt4"), [false, false]);
