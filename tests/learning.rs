@@ -75,6 +75,28 @@ fn sequences_are_bare_or_full_small_or_large_and_may_be_passed_over() {
         assert!(whole.iter().all(|groups| !groups.samples), "{whole:?}");
     }
 
+    // Samples that are spread: half to four times the number of each part, in all parts of more than one sample; OIDN's pictures
+    // and the G-buffer follow.
+    let spread = |adaptive: f64, samples: [u32; 4]| {
+        let recipe = Recipe { adaptive, single: 1.0, samples: Some(samples), ..quick.clone() };
+        Planned::new(&plan, [0, 3], recipe, &cancel).records(1).unwrap().remove(0)
+    };
+    for samples in [[4, 1, 2, 8], [1, 2, 4, 8]] {
+        let (even, record) = (spread(0.0, samples), spread(1.0, samples));
+        assert_eq!((even.parts, record.parts, even.spread.len()), (samples, samples, 0));
+        assert_eq!(record.spread.len(), 256);
+        assert!(record.spread.iter().all(|spread| [0.5, 1.0, 2.0, 4.0].contains(spread)), "{:?}", record.spread);
+        assert!(record.spread.iter().any(|spread| *spread != 1.0));
+        for (part, spp) in samples.into_iter().enumerate() {
+            let values = at::SAMPLES + 4 * part..at::SAMPLES + 4 * part + 4;
+            let same =
+                |at: usize| even.pixels[at * at::COUNT..][values.clone()] == record.pixels[at * at::COUNT..][values.clone()];
+            assert_eq!((0..256).all(same), spp == 1, "{samples:?}: {spp} samples");
+        }
+        let guides = |record: &Record<f32>| record.pixels.chunks_exact(at::COUNT).map(|p| p[at::ALBEDO]).collect::<Vec<_>>();
+        assert_eq!(guides(&even) == guides(&record), samples[0] < 4, "{samples:?}");
+    }
+
     // Some of many sequences are bare, the same ones each time.
     let kinds = || (0..8).map(|i| groups(&records(i, 0.5, 0))[2].samples).collect::<Vec<_>>();
     let found = kinds();

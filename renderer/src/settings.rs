@@ -160,8 +160,8 @@ impl Settings {
         Ok(())
     }
 
-    /// How samples are distributed, as the header of a frame stores it: `average 256`, `detail 4`, `error 0.01 within 4096`, `time 5 within
-    /// 4096`; empty for [`Budget::Uniform`].
+    /// How samples are distributed, as the header of a frame stores it: `average 256`, `detail 4`, `error 0.01 within 4096`,
+    /// `time 5 within 4096`; empty for [`Budget::Uniform`].
     pub fn sampling(&self) -> String {
         match self.budget {
             Budget::Uniform => String::new(),
@@ -213,8 +213,8 @@ impl Settings {
     }
 
     /// How many samples share a camera ray: a power of two, at most [`Settings::branches`]. At least four camera rays are left in
-    /// a pixel that may see geometry, for the sake of its edges and its variance. Under [`Budget::Detail`] none do, for the sake of
-    /// the denoiser's guides (docs/measurements/renderer-notes.md, detail).
+    /// a pixel that may see geometry, for the sake of its edges and its variance. Under [`Budget::Detail`] none do, for the sake
+    /// of the denoiser's guides (docs/measurements/renderer-notes.md, detail).
     pub fn branches(&self) -> u32 {
         let largest = match self.budget {
             Budget::Uniform => 64,
@@ -229,8 +229,8 @@ impl Settings {
     /// Whether coverage, albedo and normal of every pixel are means of enough camera rays for the denoiser to trust them.
     pub fn clean_guides(&self) -> bool {
         match self.budget {
-            // There are more rays where normals and albedo change.
-            Budget::Detail => self.spp >= CLEAN_DETAIL,
+            // There are more rays where normals and albedo change, if these are sharp.
+            Budget::Detail if self.lens.is_none() => self.spp >= CLEAN_DETAIL,
             _ => self.budget.fewest(self.spp) / self.branches() >= CLEAN_GUIDES,
         }
     }
@@ -287,9 +287,10 @@ impl Settings {
 
 /// How the samples of a picture are spread over its pixels.
 ///
-/// But for [`Self::Uniform`], pixels get counts of their own, told by [`renderflow_frame::Frame::samples`]; at least half the
-/// average where geometry may be seen, and multiples of 4 but for [`Self::Detail`]. Pixels that see the environment alone count a sixteenth: what they do not
-/// need is not spent on others, so that such a picture takes about as long as a uniform one.
+/// But for [`Self::Uniform`], pixels get counts of their own, told by [`renderflow_frame::Frame::samples`]. But for
+/// [`Self::Detail`], they are multiples of 4, at least half the average where geometry may be seen, and pixels that see the
+/// environment alone count a sixteenth: what they do not need is not spent on others, so that such a picture takes about as long
+/// as a uniform one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Budget {
@@ -300,7 +301,8 @@ pub enum Budget {
     /// Below 32 all that may see geometry have as many.
     Average,
     /// At most [`Settings::spp`] a pixel on average over what surfaces cover, for pictures that are denoised: more where the
-    /// G-buffer shows detail. Counts are powers of two, known before the first sample ([`crate::detail_map`]).
+    /// G-buffer shows detail. Counts are powers of two, known before the first sample ([`crate::detail_map`]). What sees the
+    /// environment alone has the usual number.
     Detail,
     /// Until the relMSE of the picture, mean((picture - truth)^2 / (truth^2 + 0.01)), is estimated to be at most a target; at
     /// most

@@ -6,7 +6,8 @@ use common::{camera, compile, diffuse, plane, render_with, scene, sphere, sunny}
 use glam::{Affine3A, Vec3};
 use renderflow_frame::{Environment, Frame, Image};
 use renderflow_renderer::{
-    Budget, DirectLight, Error, RenderScene, Settings, Skips, detail_map, render_gbuffer, render_mapped, render_with_stats,
+    Budget, Channels, DirectLight, Error, RenderScene, Settings, Skips, detail_map, develop, expose_whole, render_gbuffer,
+    render_mapped, render_with_stats,
 };
 use renderflow_scenes::loaded::{Encoding, Texture, Wrap};
 use renderflow_scenes::{LoadedScene, Material, Principled, TextureSlot};
@@ -325,8 +326,8 @@ fn settings_tell_their_sampling_and_read_it_again() {
     }
 }
 
-/// The G-buffer of a frame gives the counts that the renderer finds by itself, whatever else it holds. Their sum is the budget, and
-/// the sphere and the edges have more than the floor.
+/// The G-buffer of a frame gives the counts that the renderer finds by itself, whatever else it holds. Their sum is the budget,
+/// and the sphere and the edges have more than the floor.
 #[test]
 fn detail_is_found_in_the_gbuffer() {
     let scene = compile(&caustic(64, 48));
@@ -345,6 +346,25 @@ fn detail_is_found_in_the_gbuffer() {
         assert!(mean(&seen) <= 1.01 * f64::from(spp), "{spp}: {}", mean(&seen));
         let (floor, sphere) = (mean(&|at| object(at, 1)), mean(&|at| object(at, 2)));
         assert!(spp == 1 || sphere > 1.5 * floor, "{spp}: {sphere} on the sphere, {floor} on the floor");
+    }
+}
+
+/// One pass over the picture gives what a film that is developed later gives, and what a second pass for the guides gives, with the
+/// channels that are asked for.
+#[test]
+fn detail_in_one_pass_is_detail_in_two() {
+    let scene = compile(&caustic(33, 26));
+    for groups in [0, 3] {
+        let settings = Settings { light_groups: groups, irradiance: true, ..detail(6) };
+        let (whole, _) = render_with(&scene, &settings);
+        let (film, _) = expose_whole(&scene, &settings, &|_, _| (), &quiet()).expect("a film");
+        let (developed, _) = develop(&scene, &settings, &film).expect("a frame");
+        assert!(whole == developed);
+        let skips = Skips { shared_guides: false, ..Skips::ALL };
+        assert!(render_with(&scene, &Settings { skips, ..settings }).0 == whole);
+        let alone = render_with(&scene, &Settings { channels: Channels::BEAUTY, irradiance: false, ..settings }).0;
+        assert!((&alone.raw, &alone.samples, &alone.alpha) == (&whole.raw, &whole.samples, &whole.alpha));
+        assert!(alone.normal.pixels.is_empty() && alone.guide_albedo.is_none() && alone.object_id.pixels.is_empty());
     }
 }
 

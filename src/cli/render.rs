@@ -80,7 +80,8 @@ pub struct Render {
     /// The most samples for each pixel, on average, with --target-error or --time-budget
     #[arg(long, default_value_t = 4096, value_parser = within(Settings::SPP), help_heading = "Sampling")]
     max_spp: u32,
-    /// The most samples that share a camera ray, a power of two. Pixels keep at least four camera rays, so fewer may share one
+    /// The most samples that share a camera ray, a power of two. Pixels keep at least four camera rays, so fewer may share one.
+    /// None do where --adaptive spreads fewer than 32 samples for a denoiser
     #[arg(long, default_value_t = Settings::default().branches, value_parser = within(Settings::BRANCHES), conflicts_with = "sample_map",
         help_heading = "Sampling")]
     branches: u32,
@@ -197,8 +198,9 @@ fn middle(loaded: &LoadedScene) -> Result<Option<f32>> {
 #[command(next_help_heading = "Sampling")]
 #[group(multiple = false)]
 struct AdaptiveArgs {
-    /// Spend --spp samples for each pixel on average, and more where the picture is noisier; below 32 samples, which say too
-    /// little about noise, a picture that is denoised gets more where its G-buffer shows detail
+    /// Spend --spp samples for each pixel on average, and more where the picture is noisier. Fewer than 32 samples say too little
+    /// about noise: a picture that is denoised gets more of them where its G-buffer shows detail, without --branches, and any
+    /// other the same number everywhere
     #[arg(long)]
     adaptive: bool,
     /// Sample until the estimated relMSE of a frame is this small, with at most --max-spp for each pixel on average
@@ -273,8 +275,13 @@ impl Render {
         let (mut scene, base) = self.scene.describe(allowed, &wanted)?;
         let target = self.reference.as_deref().map(|path| target(path, &mut scene, self.seed)).transpose()?;
         let usual = self.trace.settings(Settings::default().spp);
+        let denoised = match self.trace.denoise {
+            Denoise::None => false,
+            Denoise::Auto => Denoiser::new().is_ok(),
+            Denoise::Oidn | Denoise::Neural => true,
+        };
         let (spp, budget) = match &self.adaptive {
-            AdaptiveArgs { adaptive: true, .. } => (usual.spp, Budget::Average),
+            AdaptiveArgs { adaptive: true, .. } => (usual.spp, Budget::adaptive(usual.spp, denoised)),
             AdaptiveArgs { target_error: Some(millionths), .. } => (self.max_spp, Budget::Error { millionths: *millionths }),
             AdaptiveArgs { time_budget: Some(milliseconds), .. } => (self.max_spp, Budget::Time { milliseconds: *milliseconds }),
             _ => (usual.spp, Budget::Uniform),
@@ -306,11 +313,11 @@ impl Render {
             ensure!(self.trace.denoise != Denoise::None, "--neighbours: is for a denoiser, and --denoise none has none");
             settings = settings.with_neighbours(neighbours, scene.frames as usize)?;
         }
-        if self.adaptive.adaptive {
-            settings.render.budget = Budget::adaptive(spp, settings.denoiser_name().is_some());
-        }
         let later = settings.denoises_later();
-        (settings.sample_map, settings.distance) = (self.adaptive.sample_map, self.distance);
+        settings.distance = self.distance;
+        if let Some(map) = self.adaptive.sample_map {
+            settings = settings.with_sample_map(map, scene.frames as usize)?;
+        }
         let viewer = self.tev.as_deref().map(Tev::connect).transpose()?;
         let each = if later { 1000 + DENOISING } else { 1000 };
         let progress = Arc::new(Progress::new("render", u64::from(scene.frames) * each));

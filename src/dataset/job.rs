@@ -131,6 +131,26 @@ impl TruthSettings {
         Ok((Settings { branches, light_paths, ..settings }, map))
     }
 
+    /// These settings with the numbers of samples of the frame or the folder of frames `path`, for a sequence of `frames`.
+    ///
+    /// # Errors
+    /// When there is no such frame, or OIDN is needed and not found.
+    pub fn with_sample_map(mut self, path: PathBuf, frames: usize) -> Result<Self> {
+        let (settings, _) = self.mapped(&path, 0, frames)?;
+        if let Some(denoiser) = &mut self.denoiser {
+            denoiser.reopen(&settings, 1)?;
+        }
+        Ok(Self { sample_map: Some(path), ..self })
+    }
+
+    /// The settings of the frame at which `scene` stands.
+    fn used(&self, scene: &RenderScene) -> Result<Settings> {
+        Ok(match &self.sample_map {
+            Some(path) => self.mapped(path, scene.frame(), scene.frames())?.0,
+            None => self.render,
+        })
+    }
+
     /// Path-traces and denoises the current frame of `scene`, or makes only its G-buffer where there are no samples. Also returns
     /// the wall seconds of both steps.
     pub fn frame(&self, scene: &RenderScene, progress: &(dyn Fn(u64, u64) + Sync), cancel: &Cancel) -> Result<(Frame, [f64; 2])> {
@@ -191,7 +211,7 @@ impl TruthSettings {
         let traced = started.elapsed().as_secs_f64();
         if let Some(denoiser) = self.denoiser.as_ref().filter(|_| self.neighbours == Neighbours::Alone) {
             frame.beauty = None;
-            frame.beauty = Some(denoiser.clean(scene, &frame, None, &self.render, cancel)?);
+            frame.beauty = Some(denoiser.clean(scene, &frame, None, &self.used(scene)?, cancel)?);
             frame.info.denoiser = self.denoiser_name();
             if let (Some(watch), Some(beauty)) = (&self.watch, &frame.beauty) {
                 watch.after("denoised", beauty, scene.exposure())?;

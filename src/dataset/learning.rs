@@ -44,6 +44,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Frames between two keyframes.
 const GAP: usize = 16;
 
+/// Fewest samples on average that are spread by detail and whose camera rays make the G-buffer, as in rendering.
+const OWN_GUIDES: u32 = 4;
+
 /// How frames for training are made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -69,7 +72,8 @@ pub struct Recipe {
     #[serde(skip_serializing_if = "is_zero")]
     pub single: f64,
     /// Share of the sequences with samples, 0..=1, whose samples are spread by the detail of the G-buffer
-    /// ([`renderflow_renderer::Budget::Detail`]), one part of one sample excepted. Their G-buffer is that of the first part.
+    /// ([`renderflow_renderer::Budget::Detail`]), one part of one sample excepted. Their
+    /// G-buffer is that of the first part, if it has four or more.
     #[serde(skip_serializing_if = "is_zero")]
     pub adaptive: f64,
     /// Samples for each pixel of the truth of a bare sequence.
@@ -397,8 +401,9 @@ impl<'a> Maker<'a> {
             scene.set_frame(number);
             let samples = &self.samples(seed, number);
             scene.reseed(apart);
-            // Samples that are spread have a G-buffer of their own.
-            let gbuffer = if adaptive { trace(&mut scene, samples, 0, true)? } else { render_gbuffer(&scene, &settings)? };
+            // Samples that are spread have a G-buffer of their own, if they are not too few for it.
+            let own = adaptive && samples[0] >= OWN_GUIDES;
+            let gbuffer = if own { trace(&mut scene, samples, 0, true)? } else { render_gbuffer(&scene, &settings)? };
             scene.reseed(truthful);
             let truth = fitting(truth(number, &scene)?, &gbuffer)?;
             for ((lit, records), carried) in lights.iter().zip(&mut records).zip(&carried) {
@@ -426,16 +431,19 @@ impl<'a> Maker<'a> {
             for part in 1..PARTS {
                 let traced = trace(&mut scene, samples, part, false)?;
                 let behind = background(scene.camera(), &traced.alpha, &light.environment);
-                record.add_part(part, &Samples::of(&traced, &behind).context("samples")?, exposure);
+                let traced = Samples { spp: samples[part], ..Samples::of(&traced, &behind).context("samples")? };
+                record.add_part(part, &traced, exposure);
             }
-            let own = Traced::of(trace(&mut scene, samples, 0, false)?, exposure)?;
+            // The mean over all pixels may differ a little from the number that was asked for.
+            let traced = |frame: Frame| Ok::<_, anyhow::Error>(Traced { spp: samples[0], ..Traced::of(frame, exposure)? });
+            let own = traced(if own { gbuffer.clone() } else { trace(&mut scene, samples, 0, false)? })?;
             let behind = background(scene.camera(), &own.alpha, &light.environment);
             record.add_part(0, &own.samples(&behind)?, exposure);
             // The frames around have as many samples as the first part.
             let near = |&other: &usize| -> Result<(usize, Frame, Traced)> {
                 scene.set_frame(other);
-                let traced = trace(&mut scene, samples, 0, true)?;
-                Ok((other, surface(&traced), Traced::of(traced, exposure)?))
+                let frame = trace(&mut scene, samples, 0, true)?;
+                Ok((other, surface(&frame), traced(frame)?))
             };
             let around = if kind.keys { Neighbours::Around.of(REACH, number, frames) } else { Vec::new() };
             let near = around.iter().map(near).collect::<Result<Vec<_>>>()?;

@@ -116,8 +116,8 @@ pub struct Record<T> {
     pub distances: [Option<f32>; KEYS],
     /// Samples per pixel of each part; 0 if it is not given.
     pub parts: [u32; PARTS],
-    /// Samples of each pixel, relative to their number in `parts`, in every part of more than one sample; empty if all pixels have
-    /// as many.
+    /// Samples of each pixel, relative to their number in `parts`, in every part of more than one sample; empty if all pixels
+    /// have as many.
     pub spread: Vec<f32>,
     /// Samples per pixel of each sum of neighbours, whether they hold or not; 0 if it is not given.
     pub neighbours: [u32; NEIGHBOURS],
@@ -161,7 +161,7 @@ impl Record<f32> {
             deferred: self.deferred,
             distances: self.distances,
             parts: self.parts,
-            spread: self.spread.clone(),
+            spread: self.spread.iter().map(|spread| f16::from_f32(*spread).to_f32()).collect(),
             neighbours: self.neighbours,
             denoised: self.denoised,
         }

@@ -32,8 +32,8 @@ const BASE: f32 = 0.01;
 /// Logarithms of the factors that the luminance of the albedo around, and the shininess of the block, from 0 to 1, add to it.
 const LUMINANCE: f32 = 1.328;
 const SHINE: f32 = 0.785;
-/// Counts are in proportion to this power of the predicted squared error: the root leaves least of it, if it falls with the number
-/// of samples.
+/// Counts are in proportion to this power of the predicted squared error: the root leaves least of it, if it falls with the
+/// number of samples.
 const POWER: f32 = 0.5;
 /// Weights of the blocks on a line around a block: a Gaussian with a deviation of one block.
 const AROUND: [f32; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
@@ -50,8 +50,8 @@ pub(crate) fn range(spp: u32) -> RangeInclusive<u32> {
 }
 
 /// Samples for each pixel of a picture that will be denoised, `spp` of them on average where surfaces are seen: more where the
-/// G-buffer shows detail. Counts are powers of two, from half of the average to four times it, and all pixels of a block of 4 x 4
-/// have the same. `gbuffer` holds albedo, normal, depth and material at pixel centres; guides are not read.
+/// G-buffer shows detail. Counts are powers of two: the largest one up to `spp`, half of it, twice or four times it. All pixels of
+/// a block of 4 x 4 have the same. `gbuffer` holds albedo, normal, depth and material at pixel centres; guides are not read.
 /// [`crate::render_mapped`] renders with it under [`crate::Budget::Detail`].
 ///
 /// # Errors
@@ -69,6 +69,12 @@ pub fn detail_map(gbuffer: &Frame, spp: u32) -> Result<Image<u32>> {
     let counts = spread(&wishes, &seen, spp);
     let pixel = |at: usize| counts[at / width / BLOCK * blocks.columns + at % width / BLOCK];
     Ok(Image { width, height, pixels: (0..width * height).map(pixel).collect() })
+}
+
+/// Whether all pixels of each block have the same number in a map of this width. Others cannot share their points.
+pub(super) fn is_even(map: &[u32], width: usize) -> bool {
+    let first = |at: usize| at / width / BLOCK * BLOCK * width + at % width / BLOCK * BLOCK;
+    map.iter().enumerate().all(|(at, &count)| count == map[first(at)])
 }
 
 /// The blocks of a picture.

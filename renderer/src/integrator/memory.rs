@@ -58,7 +58,11 @@ impl Settings {
         // gives back to the system some time after they are freed.
         let looks = gbuffer_alone || wanted.gbuffer || wanted.motion || self.irradiance;
         let held = if looks { schedule::most_pixels().min(pixels) * gbuffer::HELD } else { 0 };
-        let traced = all(film.max(kept + centres) + made + seen).saturating_add(held);
+        // A G-buffer that tells the counts is there before the samples.
+        let together = self.budget == Budget::Detail && !gbuffer_alone;
+        let before = when(together && !wanted.gbuffer, 5 * RGB + 3 * NUMBER);
+        let sums = if together { film + centres + before } else { film.max(kept + centres) };
+        let traced = all(sums + made + seen).saturating_add(held);
         Memory { tracing: traced.max(all(kept + frame + seen)), frame: all(frame) }
     }
 }

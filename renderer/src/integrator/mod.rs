@@ -113,10 +113,12 @@ fn by_detail(
         frame = Frame { albedo, normal, depth, material, object_id, material_id, transmittance, through, ..frame };
     }
     let range = 0..map.iter().copied().max().unwrap_or(0);
-    let (film, more) = expose_samples(Samples { scene, settings, visible, range, map: Some(&map) }, progress, cancel)?;
+    let (mut film, more) = expose_samples(Samples { scene, settings, visible, range, map: Some(&map) }, progress, cancel)?;
     stats += more;
+    let beauty = film.beauty(settings);
+    film.keep_guides_alone();
     fill_guides(&mut frame, scene, &film);
-    described(&mut frame, settings, film.beauty(settings));
+    described(&mut frame, settings, beauty);
     Ok((frame, stats))
 }
 
@@ -154,8 +156,8 @@ pub fn expose(
 }
 
 /// As [`render_with_stats`] with the number of samples of each pixel from `map`. Of `settings.budget`, only what it says about
-/// the filtering of textures, about samples that share a camera ray and about pixels that share points counts. The [`Frame::samples`] of a picture and its
-/// settings give the same picture again, bit for bit.
+/// the filtering of textures, about samples that share a camera ray and about pixels that share points counts. The
+/// [`Frame::samples`] of a picture and its settings give the same picture again, bit for bit.
 ///
 /// # Errors
 /// As [`render_with_stats`], and when the map does not have the picture's size or its counts are outside 1..=2^24 or not
@@ -197,7 +199,7 @@ fn expose_samples(samples: Samples, progress: Progress<'_>, cancel: &AtomicBool)
     let mut work = Work::new(scene, settings, visible, casters.as_ref(), cancel);
     if map.is_none() {
         work = work.even();
-    } else if settings.budget == Budget::Detail {
+    } else if settings.budget == Budget::Detail && map.is_some_and(|map| detail::is_even(map, film.width)) {
         work = work.even_in_blocks();
     }
     // Where pixels have different counts, the mean gives the number of light paths.

@@ -46,9 +46,9 @@ fn scene(width: usize, height: usize) -> Result<RenderScene, String> {
     scenes::compile(parts, environment, scenes::camera([0.0, 2.0, 6.0], [0.0, 0.8, 0.0], 40.0, width, height))
 }
 
-/// Settings whose samples are spread by what the samples before them found.
-fn spread(spp: u32) -> [Settings; 2] {
-    let budgets = [Budget::Average, Budget::Error { millionths: 20_000 }];
+/// Settings whose samples are spread by what the samples before them found, or by the G-buffer.
+fn spread(spp: u32) -> [Settings; 3] {
+    let budgets = [Budget::Average, Budget::Detail, Budget::Error { millionths: 20_000 }];
     budgets.map(|budget| Settings { spp: 4 * spp, budget, ..Settings::default() })
 }
 

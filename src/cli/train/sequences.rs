@@ -95,6 +95,8 @@ impl Train {
         for (name, spp) in counts.into_iter().chain(parts) {
             ensure!(Settings::SPP.contains(&spp), "recipe.{name}: {spp} is outside {:?}", Settings::SPP);
         }
+        let powers = recipe.samples.iter().flatten().all(|spp| spp.is_power_of_two());
+        ensure!(powers || recipe.adaptive <= 0.0, "recipe.samples: with recipe.adaptive, all must be powers of two");
         let (bounces, range) = (recipe.max_bounces, Settings::MAX_BOUNCES);
         ensure!(range.contains(&bounces), "recipe.max_bounces: {bounces} is outside {range:?}");
         let frames = recipe.frames > 0 || recipe.bare >= 1.0;

@@ -61,7 +61,7 @@ impl Cleaner {
                         "note: the network learned from up to {NEURAL_MOST} samples per pixel; with {spp} OIDN has less error"
                     );
                 }
-                // The network reads a G-buffer, whose guides are clean.
+                // The G-buffer that the network reads has guides that are clean.
                 Some(Self::neural(Arc::new(Fusion::shipped()?.to(device)?), Denoiser::new().ok()))
             }
             Denoise::Auto => match oidn() {
@@ -150,9 +150,10 @@ impl Cleaner {
             }
             Self::Neural { network, oidn, .. } => {
                 // The network was trained with G-buffers of this many camera rays for each pixel, even where there are fewer
-                // samples; but where these are spread by detail, with their own.
+                // samples. Samples that are spread by detail have as good a one of their own.
                 let usual = Settings { channels: BUFFERS, ..Settings::default() };
-                let few = settings.camera_samples() < usual.guide_samples && settings.budget != Budget::Detail;
+                let own = settings.budget == Budget::Detail && settings.clean_guides();
+                let few = settings.camera_samples() < usual.guide_samples && !own;
                 let gbuffer = few.then(|| render_gbuffer_until(scene, &usual, cancel)).transpose();
                 cancel.check()?;
                 let gbuffer = gbuffer?;

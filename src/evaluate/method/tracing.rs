@@ -49,8 +49,8 @@ pub enum Guides {
 pub struct Tracing {
     /// The number of samples.
     pub samples: Samples,
-    /// Whether the samples are spread by the detail of the G-buffer ([`renderflow_renderer::Budget::Detail`]). Their number is the
-    /// average then.
+    /// Whether the samples are spread by the detail of the G-buffer ([`renderflow_renderer::Budget::Detail`]). Their number is
+    /// the average then.
     pub adaptive: bool,
     /// How the picture is denoised.
     pub clean: Clean,

@@ -36,29 +36,28 @@ struct Needs {
     guides: bool,
     /// The surfaces that the pixels' centres see.
     surfaces: bool,
-    /// Samples that are spread by the detail of the G-buffer.
+    /// Samples under [`Budget::Detail`].
     adaptive: bool,
     /// Whether the row pays for a G-buffer of its own, which also says how the samples are spread.
     paid: bool,
 }
 
 impl Needs {
-    fn of(tracing: &Tracing) -> Self {
-        // The network divides samples by the albedo that they saw.
+    /// Of a picture of `spp` samples for each pixel.
+    fn of(tracing: &Tracing, spp: u32) -> Self {
         let adaptive = tracing.adaptive;
-        // The network divides samples by the albedo that they saw. Where they are spread, their camera rays are its G-buffer as
-        // well.
+        // The network divides samples by the albedo that they saw. Spread samples also make its G-buffer, if they are not too few.
         if tracing.clean.is_neural() {
-            return Self { guides: true, surfaces: adaptive, adaptive, paid: false };
+            let surfaces = adaptive && spp >= CLEAN_GUIDES;
+            return Self { guides: true, surfaces, adaptive, paid: adaptive && !surfaces };
         }
-        let paid = adaptive && tracing.guides == Guides::GBuffer;
         // A G-buffer holds both.
         let own = tracing.guides == Guides::Own;
         Self {
             guides: own && tracing.clean != Clean::Raw,
             surfaces: own && tracing.neighbours != Neighbours::Alone,
             adaptive,
-            paid,
+            paid: adaptive && !own,
         }
     }
 }
@@ -135,7 +134,7 @@ impl<'a> Tracer<'a> {
     /// tracing grows with the samples.
     pub fn warm_up(&mut self, scene: &mut RenderScene, methods: &[Method], current: Current) -> Result<()> {
         let buffer = current.buffer;
-        for needs in tracings(methods).map(Needs::of) {
+        for needs in tracings(methods).flat_map(|tracing| [1, CLEAN_GUIDES].map(|spp| Needs::of(tracing, spp))) {
             if self.rates.contains_key(&needs) {
                 continue;
             }
@@ -199,7 +198,6 @@ impl<'a> Tracer<'a> {
         current: Current,
     ) -> Result<(Rgb, f64, u32)> {
         let Current { buffer, fused, .. } = current;
-        let needs = Needs::of(tracing);
         let others = tracing.others(buffer.index, self.sequence.len());
         let frames: Vec<usize> = std::iter::once(buffer.index).chain(others).collect();
         let mut keys = Vec::with_capacity(frames.len());
@@ -215,6 +213,7 @@ impl<'a> Tracer<'a> {
                     *self.counts.entry((id.clone(), index)).or_insert(spp)
                 }
             };
+            let needs = Needs::of(tracing, spp);
             let key = (index, needs, spp);
             if !self.traced.contains_key(&key) {
                 let traced = self.trace(scene, key, current)?;
@@ -294,11 +293,16 @@ impl<'a> Tracer<'a> {
         let budget = if needs.adaptive { Budget::Detail } else { Budget::Uniform };
         let settings = Settings { spp, max_bounces: self.max_bounces, channels, budget, ..Settings::default() };
         scene.set_frame(self.sequence.numbers[index]);
-        // The row pays for the G-buffer of its frame alone.
-        let paid = needs.paid && index == current.buffer.index;
+        // A row that pays for the G-buffer of a frame does so where it makes that frame.
+        let other = if needs.paid && index != current.buffer.index {
+            let channels = Channels { gbuffer: true, ..Channels::BEAUTY };
+            Some(render_gbuffer(scene, &Settings { guide_samples: 1, channels, ..Settings::default() })?)
+        } else {
+            None
+        };
         let rendered = timed(|| {
-            Ok(if paid {
-                let map = detail_map(current.buffer.frame, spp)?;
+            Ok(if needs.paid {
+                let map = detail_map(other.as_ref().unwrap_or(current.buffer.frame), spp)?;
                 render_mapped(scene, &settings, &map, &|_, _| (), cancel)?.0
             } else {
                 render(scene, &settings, &|_, _| (), cancel)?
@@ -308,6 +312,7 @@ impl<'a> Tracer<'a> {
         let (mut frame, seconds) = rendered?;
         let raw = frame.raw.take().context("the path tracer made no picture")?;
         let alpha = std::mem::take(&mut frame.alpha);
+        // The network reads it.
         let own = needs.adaptive && needs.surfaces && needs.guides;
         let (samples, gbuffer) = (frame.samples.take(), own.then(|| Box::new(Frame { alpha: alpha.clone(), ..frame.clone() })));
         let guides = frame.guide_albedo.take().zip(frame.guide_normal.take()).map(|(albedo, normal)| [albedo, normal]);
@@ -371,12 +376,22 @@ impl<'a> Tracer<'a> {
 
     /// The samples for each pixel of frame `index` that `budget` seconds allow.
     fn samples_within(&self, tracing: &Tracing, index: usize, budget: f64, buffer: Buffer) -> u32 {
-        let Some(&rate) = self.rates.get(&Needs::of(tracing)) else { return 1 };
+        let many = self.samples_with(Needs::of(tracing, CLEAN_GUIDES), tracing, index, budget, buffer);
+        let few = Needs::of(tracing, 1);
+        if many >= CLEAN_GUIDES || few == Needs::of(tracing, CLEAN_GUIDES) {
+            return many;
+        }
+        self.samples_with(few, tracing, index, budget, buffer).min(CLEAN_GUIDES - 1)
+    }
+
+    /// The same, with these needs.
+    fn samples_with(&self, needs: Needs, tracing: &Tracing, index: usize, budget: f64, buffer: Buffer) -> u32 {
+        let Some(&rate) = self.rates.get(&needs) else { return 1 };
         let usual = |seconds: Option<&Vec<f64>>| seconds.map(|seconds| median(seconds)).filter(|s| s.is_finite());
         // The network's seconds include those of gathering.
         let gathered = self.gathered.get(&tracing.neighbours).filter(|_| !tracing.clean.is_neural());
         let mut others = usual(gathered).unwrap_or(0.0);
-        if tracing.guides == Guides::GBuffer || (tracing.clean.is_neural() && !Needs::of(tracing).surfaces) {
+        if tracing.guides == Guides::GBuffer || (tracing.clean.is_neural() && !needs.surfaces) {
             others += buffer.seconds;
         }
         let frames = 1 + tracing.others(index, self.sequence.len()).len() as u32;
@@ -461,7 +476,9 @@ mod tests {
     fn rows_ask_for_what_they_read() {
         let needs = |id: &str| {
             let Method::Traced(tracing) = Method::parse(id).unwrap() else { unreachable!() };
-            let Needs { guides, surfaces, .. } = Needs::of(&tracing);
+            let Samples::Count(spp) = tracing.samples else { unreachable!() };
+            let Needs { guides, surfaces, paid, .. } = Needs::of(&tracing, spp);
+            assert!(tracing.adaptive || !paid);
             [guides, surfaces]
         };
         assert_eq!(needs("pt4"), [false, false]);
@@ -469,5 +486,8 @@ mod tests {
         assert_eq!(needs("pt4+oidn+around"), [true, true]);
         // A G-buffer has both.
         assert_eq!([needs("pt4+oidn+gbuffer"), needs("pt4+oidn+gbuffer+before")], [[false; 2]; 2]);
+        // Four spread samples have guides that are good enough, and two do not.
+        assert_eq!([needs("pt2+adaptive+neural"), needs("pt4+neural")], [[true, false]; 2]);
+        assert_eq!([needs("pt4+adaptive+oidn+neural"), needs("pt4+adaptive+oidn")], [[true; 2], [true, false]]);
     }
 }
