@@ -288,7 +288,7 @@ fn neighbours_samples_help_and_budgets_are_kept() {
     let run = |out: &str, threads: &str, more: &[&str]| -> (Results, String) {
         let out = folder.path().join(out);
         let methods = "warp,pt2+oidn,pt2+oidn+gbuffer,pt2+oidn+around,pt2+oidn+before,pt2+oidn+gbuffer+around,\
-                       pt2+adaptive+oidn+gbuffer+around,pt2+adaptive+neural+around,pt4+adaptive+oidn+neural";
+                       pt2+adaptive+oidn+gbuffer+around,pt2+adaptive+neural+around,pt8+adaptive+oidn+neural";
         let data = ["--threads", threads, "evaluate", "--data", data.to_str().unwrap(), "--methods", methods];
         let text = succeed(&[&data[..], &["--out", out.to_str().unwrap()], more].concat());
         (Results::read(&out).unwrap(), text)
@@ -308,7 +308,7 @@ fn neighbours_samples_help_and_budgets_are_kept() {
     let (some, _) = run("some", "1", &["--every", "3"]);
     assert_eq!(some.sequences[0].about.frames, [0, 1, 3, 4]);
     for score in
-        some.sequences[0].scores.iter().filter(|score| score.method.starts_with("pt2") || score.method.starts_with("pt4"))
+        some.sequences[0].scores.iter().filter(|score| score.method.starts_with("pt2") || score.method.starts_with("pt8"))
     {
         let mut expected = values(scores, &score.method, score.frame).values;
         // Of frame 3 the frame before is not evaluated.

@@ -9,7 +9,7 @@ pub use kept::Kept;
 use crate::dataset::Dataset;
 use crate::dataset::around::{Carried, Neighbours, REACH, Traced, offer, surface};
 use crate::dataset::plan::Plan;
-use crate::dataset::shading::BUFFERS;
+use crate::dataset::shading::{BUFFERS, OWN_BUFFER};
 use crate::util::cancel::Cancel;
 use anyhow::{Context, Result, anyhow, ensure};
 use half::f16;
@@ -44,9 +44,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Frames between two keyframes.
 const GAP: usize = 16;
 
-/// Fewest samples on average that are spread by detail and whose camera rays make the G-buffer, as in rendering.
-const OWN_GUIDES: u32 = 4;
-
 /// How frames for training are made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -72,8 +69,8 @@ pub struct Recipe {
     #[serde(skip_serializing_if = "is_zero")]
     pub single: f64,
     /// Share of the sequences with samples, 0..=1, whose samples are spread by the detail of the G-buffer
-    /// ([`renderflow_renderer::Budget::Detail`]), one part of one sample excepted. Their
-    /// G-buffer is that of the first part, if it has four or more.
+    /// ([`renderflow_renderer::Budget::Detail`]), one part of one sample excepted. The
+    /// G-buffer of frames by themselves is that of the first part, if it has eight or more.
     #[serde(skip_serializing_if = "is_zero")]
     pub adaptive: f64,
     /// Samples for each pixel of the truth of a bare sequence.
@@ -402,7 +399,7 @@ impl<'a> Maker<'a> {
             let samples = &self.samples(seed, number);
             scene.reseed(apart);
             // Samples that are spread have a G-buffer of their own, if they are not too few for it.
-            let own = adaptive && samples[0] >= OWN_GUIDES;
+            let own = adaptive && samples[0] >= OWN_BUFFER && !kind.keys;
             let gbuffer = if own { trace(&mut scene, samples, 0, true)? } else { render_gbuffer(&scene, &settings)? };
             scene.reseed(truthful);
             let truth = fitting(truth(number, &scene)?, &gbuffer)?;

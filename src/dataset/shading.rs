@@ -16,6 +16,9 @@ use std::sync::Arc;
 
 /// The channels of a G-buffer that shading and the networks read.
 pub const BUFFERS: Channels = Channels { motion: false, variance: false, ..Channels::ALL };
+/// Fewest samples on average that are spread by detail, of a frame by itself, whose camera rays make the G-buffer that a network
+/// reads with them (docs/measurements/renderer-notes.md, detail).
+pub const OWN_BUFFER: u32 = 8;
 
 /// The scene of a sequence, ready to be shaded.
 pub struct Shading<'a> {

@@ -2,7 +2,7 @@
 
 use crate::dataset::around::{Carried, Traced, add_up, offer};
 use crate::dataset::denoise::Denoise;
-use crate::dataset::shading::BUFFERS;
+use crate::dataset::shading::{BUFFERS, OWN_BUFFER};
 use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::device;
 use crate::util::stop;
@@ -152,8 +152,8 @@ impl Cleaner {
                 // The network was trained with G-buffers of this many camera rays for each pixel, even where there are fewer
                 // samples. Samples that are spread by detail have as good a one of their own.
                 let usual = Settings { channels: BUFFERS, ..Settings::default() };
-                let own = settings.budget == Budget::Detail && settings.clean_guides();
-                let few = settings.camera_samples() < usual.guide_samples && !own;
+                let own = settings.budget == Budget::Detail && settings.spp >= OWN_BUFFER && settings.lens.is_none();
+                let few = settings.camera_samples() < usual.guide_samples && !(own && around.is_none());
                 let gbuffer = few.then(|| render_gbuffer_until(scene, &usual, cancel)).transpose();
                 cancel.check()?;
                 let gbuffer = gbuffer?;

@@ -196,7 +196,6 @@ impl Tracing {
         }
         note.extend(match self.guides {
             Guides::Own if self.clean == Clean::Raw => None,
-            Guides::Own if self.clean.is_neural() && self.adaptive => Some("its G-buffer comes from its own camera rays"),
             Guides::Own if self.clean.is_neural() => Some("pays for the G-buffer"),
             Guides::Own => Some("guided by its own camera rays"),
             Guides::GBuffer => Some("pays for the G-buffer"),
@@ -278,7 +277,7 @@ pub(super) const HELP: [(&str, &str); 7] = [
     (
         "pt4+adaptive+oidn",
         "4 samples per pixel on average, and more where the G-buffer shows detail; with any denoiser, and with seconds as well \
-         (pt-50ms+adaptive+oidn+neural). The network then takes its G-buffer from the camera rays of the samples",
+         (pt-50ms+adaptive+oidn+neural). From 8 samples on, the network takes its G-buffer from their camera rays",
     ),
     ("...+gbuffer", "after one of these with OIDN: guided by a G-buffer of 16 camera rays per pixel, whose seconds it pays for"),
     (

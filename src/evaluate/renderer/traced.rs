@@ -6,6 +6,7 @@ use super::Options;
 use super::fused::Fused;
 use crate::dataset::Sequence;
 use crate::dataset::around::{Carried, Neighbours, REACH, Traced, add_up, surface};
+use crate::dataset::shading::OWN_BUFFER;
 use crate::evaluate::method::Method;
 use crate::evaluate::method::tracing::{Clean, Guides, Samples, Tracing};
 use crate::evaluate::results::BUDGET_PIXELS;
@@ -48,7 +49,7 @@ impl Needs {
         let adaptive = tracing.adaptive;
         // The network divides samples by the albedo that they saw. Spread samples also make its G-buffer, if they are not too few.
         if tracing.clean.is_neural() {
-            let surfaces = adaptive && spp >= CLEAN_GUIDES;
+            let surfaces = adaptive && spp >= OWN_BUFFER && tracing.neighbours == Neighbours::Alone;
             return Self { guides: true, surfaces, adaptive, paid: adaptive && !surfaces };
         }
         // A G-buffer holds both.
@@ -134,7 +135,7 @@ impl<'a> Tracer<'a> {
     /// tracing grows with the samples.
     pub fn warm_up(&mut self, scene: &mut RenderScene, methods: &[Method], current: Current) -> Result<()> {
         let buffer = current.buffer;
-        for needs in tracings(methods).flat_map(|tracing| [1, CLEAN_GUIDES].map(|spp| Needs::of(tracing, spp))) {
+        for needs in tracings(methods).flat_map(|tracing| [1, OWN_BUFFER].map(|spp| Needs::of(tracing, spp))) {
             if self.rates.contains_key(&needs) {
                 continue;
             }
@@ -376,12 +377,12 @@ impl<'a> Tracer<'a> {
 
     /// The samples for each pixel of frame `index` that `budget` seconds allow.
     fn samples_within(&self, tracing: &Tracing, index: usize, budget: f64, buffer: Buffer) -> u32 {
-        let many = self.samples_with(Needs::of(tracing, CLEAN_GUIDES), tracing, index, budget, buffer);
+        let many = self.samples_with(Needs::of(tracing, OWN_BUFFER), tracing, index, budget, buffer);
         let few = Needs::of(tracing, 1);
-        if many >= CLEAN_GUIDES || few == Needs::of(tracing, CLEAN_GUIDES) {
+        if many >= OWN_BUFFER || few == Needs::of(tracing, OWN_BUFFER) {
             return many;
         }
-        self.samples_with(few, tracing, index, budget, buffer).min(CLEAN_GUIDES - 1)
+        self.samples_with(few, tracing, index, budget, buffer).min(OWN_BUFFER - 1)
     }
 
     /// The same, with these needs.
@@ -486,8 +487,8 @@ mod tests {
         assert_eq!(needs("pt4+oidn+around"), [true, true]);
         // A G-buffer has both.
         assert_eq!([needs("pt4+oidn+gbuffer"), needs("pt4+oidn+gbuffer+before")], [[false; 2]; 2]);
-        // Four spread samples have guides that are good enough, and two do not.
-        assert_eq!([needs("pt2+adaptive+neural"), needs("pt4+neural")], [[true, false]; 2]);
-        assert_eq!([needs("pt4+adaptive+oidn+neural"), needs("pt4+adaptive+oidn")], [[true; 2], [true, false]]);
+        // Eight spread samples have guides that are good enough, and four do not.
+        assert_eq!([needs("pt4+adaptive+neural"), needs("pt8+neural")], [[true, false]; 2]);
+        assert_eq!([needs("pt8+adaptive+oidn+neural"), needs("pt8+adaptive+neural+around")], [[true; 2], [true, false]]);
     }
 }
