@@ -91,7 +91,8 @@ fn sequences_are_bare_or_full_small_or_large_and_may_be_passed_over() {
             let values = at::SAMPLES + 4 * part..at::SAMPLES + 4 * part + 4;
             let same =
                 |at: usize| even.pixels[at * at::COUNT..][values.clone()] == record.pixels[at * at::COUNT..][values.clone()];
-            assert_eq!((0..256).all(same), spp == 1, "{samples:?}: {spp} samples");
+            // Their divisors depend on the G-buffer.
+            assert!((0..256).all(same) == (spp == 1) || samples[0] == 8, "{samples:?}: {spp} samples");
         }
         let guides = |record: &Record<f32>| record.pixels.chunks_exact(at::COUNT).map(|p| p[at::ALBEDO]).collect::<Vec<_>>();
         assert_eq!(guides(&even) == guides(&record), samples[0] < 8, "{samples:?}");

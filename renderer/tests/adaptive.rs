@@ -349,8 +349,8 @@ fn detail_is_found_in_the_gbuffer() {
     }
 }
 
-/// One pass over the picture gives what a film that is developed later gives, and what a second pass for the guides gives, with the
-/// channels that are asked for.
+/// One pass over the picture gives what a film that is developed later gives, and what a second pass for the guides gives, with
+/// the channels that are asked for.
 #[test]
 fn detail_in_one_pass_is_detail_in_two() {
     let scene = compile(&caustic(33, 26));

@@ -50,8 +50,8 @@ pub(crate) fn range(spp: u32) -> RangeInclusive<u32> {
 }
 
 /// Samples for each pixel of a picture that will be denoised, `spp` of them on average where surfaces are seen: more where the
-/// G-buffer shows detail. Counts are powers of two: the largest one up to `spp`, half of it, twice or four times it. All pixels of
-/// a block of 4 x 4 have the same. `gbuffer` holds albedo, normal, depth and material at pixel centres; guides are not read.
+/// G-buffer shows detail. Counts are powers of two: the largest one up to `spp`, half of it, twice or four times it. All pixels
+/// of a block of 4 x 4 have the same. `gbuffer` holds albedo, normal, depth and material at pixel centres; guides are not read.
 /// [`crate::render_mapped`] renders with it under [`crate::Budget::Detail`].
 ///
 /// # Errors

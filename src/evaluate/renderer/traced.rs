@@ -47,7 +47,8 @@ impl Needs {
     /// Of a picture of `spp` samples for each pixel.
     fn of(tracing: &Tracing, spp: u32) -> Self {
         let adaptive = tracing.adaptive;
-        // The network divides samples by the albedo that they saw. Spread samples also make its G-buffer, if they are not too few.
+        // The network divides samples by the albedo that they saw. Spread samples also make its G-buffer, if they are not too
+        // few.
         if tracing.clean.is_neural() {
             let surfaces = adaptive && spp >= OWN_BUFFER && tracing.neighbours == Neighbours::Alone;
             return Self { guides: true, surfaces, adaptive, paid: adaptive && !surfaces };
