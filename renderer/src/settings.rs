@@ -4,7 +4,6 @@ use crate::camera::{Filter, ThinLens};
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
 use crate::features::FeatureSet;
-use crate::integrator::detail;
 use crate::light::LightGroups;
 use crate::material::{Mode, Prepared};
 use crate::sampler::{PixelSampler, Sampler, Sharing};
@@ -344,11 +343,23 @@ impl Budget {
             Self::Uniform => spp,
             Self::Average if spp < FEWEST_SPREAD => spp,
             Self::Average => pilot(spp, FLOOR),
-            Self::Detail => *detail::range(spp).start(),
+            Self::Detail => *detail_range(spp).start(),
             // A small pilot: nobody knows how much is needed.
             Self::Error { .. } | Self::Time { .. } => pilot(spp.min(STEP * STEP), 1.0),
         }
     }
+}
+
+/// How far counts under [`Budget::Detail`] may lie above and below the average, as powers of two. A wrong prediction costs little
+/// that way.
+const ABOVE: u32 = 2;
+const BELOW: u32 = 1;
+
+/// The numbers of samples that pixels may have under [`Budget::Detail`], if they have `spp` on average.
+pub(crate) fn detail_range(spp: u32) -> RangeInclusive<u32> {
+    let most = *Settings::SPP.end();
+    let usual: u32 = 1 << spp.clamp(1, most).ilog2();
+    (usual >> BELOW).max(1)..=(usual << ABOVE).min(most)
 }
 
 /// First samples of a pixel that shall have at least a share of `spp`.

@@ -15,11 +15,11 @@ use crate::error::{Error, Result};
 use crate::number::log2;
 use crate::sampler::block::SIDE;
 use crate::sampler::hash;
+use crate::settings::detail_range;
 use rayon::prelude::*;
 use renderflow_frame::color::luminance;
 use renderflow_frame::{Frame, Image};
 use std::f32::consts::LOG2_E;
-use std::ops::RangeInclusive;
 
 /// Width and height of a block, in pixels.
 const BLOCK: usize = SIDE as usize;
@@ -39,15 +39,6 @@ const POWER: f32 = 0.5;
 const AROUND: [f32; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
 /// Tells blocks of the same wish apart.
 const STREAM: u64 = 0x4445_5441;
-/// How far counts may lie above and below the average, as powers of two. A wrong prediction costs little that way.
-const ABOVE: u32 = 2;
-const BELOW: u32 = 1;
-
-/// The numbers of samples that pixels may have, if they have `spp` on average.
-pub(crate) fn range(spp: u32) -> RangeInclusive<u32> {
-    let usual = 1 << spp.clamp(1, MOST).ilog2();
-    (usual >> BELOW).max(1)..=(usual << ABOVE).min(MOST)
-}
 
 /// Samples for each pixel of a picture that will be denoised, `spp` of them on average where surfaces are seen: more where the
 /// G-buffer shows detail. Counts are powers of two: the largest one up to `spp`, half of it, twice or four times it. All pixels
@@ -176,12 +167,12 @@ impl Seen {
     }
 }
 
-/// The number of samples of each block, in [`range`]: the larger the larger its wish is, and at most `spp` on average over what
+/// The number of samples of each block, in [`detail_range`]: the larger the larger its wish is, and at most `spp` on average over what
 /// blocks show of surfaces. Blocks of the environment alone get the usual number, since they cost little. Where `spp` is a power
 /// of two above 1, all counts are the same multiples of it.
 fn spread(wishes: &[f32], seen: &[Seen], spp: u32) -> Vec<u32> {
     let usual: u32 = 1 << spp.clamp(1, MOST).ilog2();
-    let powers = range(spp);
+    let powers = detail_range(spp);
     let lowest = powers.start().ilog2() as f32 - usual.ilog2() as f32;
     let highest = powers.end().ilog2() as f32 - usual.ilog2() as f32;
     // Equal wishes are told apart, so that half of the blocks can have the next power of two.
@@ -231,7 +222,7 @@ mod tests {
             let sum: u64 = map.pixels.iter().map(|&n| u64::from(n)).sum();
             let average = sum as f64 / map.pixels.len() as f64;
             assert!(average <= f64::from(spp) && average > 0.9 * f64::from(spp), "{spp}: {average}");
-            assert!(map.pixels.iter().all(|n| n.is_power_of_two() && range(spp).contains(n)));
+            assert!(map.pixels.iter().all(|n| n.is_power_of_two() && detail_range(spp).contains(n)));
             // Powers of two differ by a factor alone.
             if spp.is_power_of_two() && spp > 1 {
                 let more = detail_map(&wall(width, height), 2 * spp).unwrap();
@@ -251,6 +242,6 @@ mod tests {
         assert!(detail_map(&Frame { width: 4, height: 4, ..Frame::default() }, 4).is_err());
         assert!(detail_map(&Frame::default(), 4).unwrap().pixels.is_empty());
         let broken = Frame { normal: Image::filled(8, 8, [f32::NAN; 3]), ..wall(8, 8) };
-        assert!(detail_map(&broken, 4).unwrap().pixels.iter().all(|n| range(4).contains(n)));
+        assert!(detail_map(&broken, 4).unwrap().pixels.iter().all(|n| detail_range(4).contains(n)));
     }
 }
