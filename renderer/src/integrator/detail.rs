@@ -3,7 +3,7 @@
 //! A denoiser errs where neighbouring pixels do not tell the same: where normals and materials change from pixel to pixel, and it
 //! errs by more where surfaces are bright or shiny. All of this is in the G-buffer, so the numbers of samples are known before
 //! the first one is traced. They do not depend on samples, so means stay without bias, and all pixels of a block of 4 x 4 have
-//! the same number, so they can share their points ([`Sharing`]).
+//! the same number, so they can share their points ([`crate::sampler::Sharing`]).
 //!
 //! The predicted error of a block is a product of powers, fitted to what OIDN makes of 2 to 16 samples
 //! (docs/measurements/renderer-notes.md, detail). It is relative: only its differences within a picture count. Kuznetsov,
