@@ -167,9 +167,9 @@ impl Seen {
     }
 }
 
-/// The number of samples of each block, in [`detail_range`]: the larger the larger its wish is, and at most `spp` on average over what
-/// blocks show of surfaces. Blocks of the environment alone get the usual number, since they cost little. Where `spp` is a power
-/// of two above 1, all counts are the same multiples of it.
+/// The number of samples of each block, in [`detail_range`]: the larger the larger its wish is, and at most `spp` on average over
+/// what blocks show of surfaces. Blocks of the environment alone get the usual number, since they cost little. Where `spp` is a
+/// power of two above 1, all counts are the same multiples of it.
 fn spread(wishes: &[f32], seen: &[Seen], spp: u32) -> Vec<u32> {
     let usual: u32 = 1 << spp.clamp(1, MOST).ilog2();
     let powers = detail_range(spp);
