@@ -5,7 +5,7 @@ use super::graph::MULTIPLE;
 use super::head::Picture;
 use super::record::{
     ALL_BEFORE, AROUND, CHANNELS, Groups, KEYS, MOST_CHANNELS, NEIGHBOURS, PARTS, PixelInputs, Record, Selection, Stored, at,
-    channels_of, radiance,
+    channels_of, difference,
 };
 use crate::data::step_rng;
 use crate::train::Share;
@@ -146,7 +146,7 @@ impl Augmentation {
         }
         let mut turn = |from: usize, gains: [f32; 3]| {
             let before = [stored[from], stored[from + 1], stored[from + 2]];
-            (0..3).for_each(|c| stored[from + c] = radiance(gains[c] * before[self.primaries[c]]));
+            (0..3).for_each(|c| stored[from + c] = difference(gains[c] * before[self.primaries[c]]));
         };
         turn(at::ALBEDO, [1.0; 3]);
         let plain = (at::BACKGROUND..at::OPEN).step_by(3).chain([at::TRUTH]);

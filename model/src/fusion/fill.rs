@@ -1,7 +1,6 @@
 //! Fills records with the results of the path tracer, of deferred shading and of the warp.
 
-use super::record::{KEYS, NEIGHBOURS, PARTS, PICTURES, PixelInputs, Record, Selection, at, radiance, tint};
-use glam::Vec2;
+use super::record::{KEYS, NEIGHBOURS, PARTS, PICTURES, PixelInputs, Record, Selection, Traced, at, difference, radiance, tint};
 use rayon::prelude::*;
 use renderflow_frame::ibl::{Shading, Surfaces};
 use renderflow_frame::image::{Image, Rgb};
@@ -47,16 +46,19 @@ impl<'a> Samples<'a> {
         Some(Self { raw, alpha: &frame.alpha, albedo, background, spp, counts })
     }
 
-    /// Radiance of the surface divided by its reflectance, times coverage, and coverage. `stored` holds the numbers of the pixel.
+    /// Radiance of the surface divided by its reflectance, times coverage, and coverage. Radiance is negative where the samples are
+    /// darker than the share of the background, which they may not have met. `stored` holds the numbers of the pixel.
     fn at(&self, i: usize, stored: &[f32], exposure: f32) -> [f32; 4] {
         let alpha = finite(self.alpha.pixels[i]).clamp(0.0, 1.0);
         if alpha <= 0.0 {
             return [0.0; 4];
         }
-        let tint = tint(self.albedo.pixels[i].map(|v| finite(v / alpha).clamp(0.0, 1.0)), stored);
+        let own = tint(self.albedo.pixels[i].map(|v| finite(v / alpha).clamp(0.0, 1.0)), stored);
+        let there = tint([0, 1, 2].map(|c| stored[at::ALBEDO + c]), stored);
         let over = |c: usize| {
             let surface = self.raw.pixels[i][c] - (1.0 - alpha) * self.background.pixels[i][c];
-            radiance(exposure * surface / tint[c])
+            // What is missing of the background does not depend on the surface; the reader multiplies by the pixel's reflectance.
+            difference(exposure * surface / if surface < 0.0 { there[c] } else { own[c] })
         };
         [over(0), over(1), over(2), alpha]
     }
@@ -198,12 +200,13 @@ impl Record<f32> {
         let stored = self.pixels.par_chunks_exact(at::COUNT).with_min_len(row);
         stored.enumerate().zip(&mut colors.pixels).zip(guides).for_each(|(((i, stored), color), (albedo, normal))| {
             let pixel = PixelInputs::new(stored, selection, self.spread_at(i));
-            let sum: [f32; 4] = std::array::from_fn(|c| pixel.own[c] + pixel.others.iter().map(|other| other[c]).sum::<f32>());
+            let traced = Traced::of(stored, selection, self.spread_at(i));
+            let sum: [f32; 4] = std::array::from_fn(|c| traced.own[c] + traced.others.iter().map(|other| other[c]).sum::<f32>());
             // The coverage of the pixel in its own samples.
-            let covered = (pixel.own[3] / pixel.spp.max(1.0)).clamp(0.0, 1.0);
+            let covered = (traced.own[3] / traced.spp.max(1.0)).clamp(0.0, 1.0);
             let scale = if sum[3] > 0.0 { covered / sum[3] } else { 0.0 };
-            let of = |c: usize| sum[c] * scale * pixel.tint[c] + (1.0 - covered) * pixel.background[c];
-            *color = [of(0), of(1), of(2)].map(|v| v / exposure);
+            let of = |c: usize| sum[c] * scale * pixel.tint[c] + (1.0 - covered) * stored[at::BACKGROUND + c];
+            *color = [of(0), of(1), of(2)].map(|v| v.max(0.0) / exposure);
             *albedo = [0, 1, 2].map(|c| pixel.alpha * stored[at::ALBEDO + c]);
             *normal = [0, 1, 2].map(|c| stored[at::NORMAL + c]);
         });
@@ -224,7 +227,7 @@ impl Record<f32> {
             }
             let behind = |c: usize| (1.0 - alpha) * out[at::BACKGROUND + c];
             let surface: [f32; 3] = std::array::from_fn(|c| (exposure * finite(picture.pixels[i][c]) - behind(c)) / alpha);
-            put(out, at::DENOISED + 3 * place, surface.map(radiance));
+            put(out, at::DENOISED + 3 * place, surface.map(difference));
         });
     }
 
@@ -244,8 +247,7 @@ pub fn background(camera: &Camera, alpha: &Image<f32>, environment: &Environment
     let mut out = Rgb::filled(alpha.width, alpha.height, [0.0; 3]);
     out.pixels.par_iter_mut().zip(&alpha.pixels).with_min_len(alpha.width.max(1)).enumerate().for_each(|(i, (out, alpha))| {
         if *alpha > 0.0 && *alpha < 1.0 {
-            let through = Vec2::new((i % camera.width) as f32 + 0.5, (i / camera.width) as f32 + 0.5);
-            *out = environment.radiance(camera.ray_direction(through));
+            *out = environment.over_pixel(camera, (i % camera.width, i / camera.width));
         }
     });
     out
@@ -276,7 +278,7 @@ fn median(depths: &[f32]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fusion::record::Groups;
+    use crate::fusion::record::{Groups, MOST_CHANNELS, channels_of};
 
     /// Samples are joined as they were divided. A neighbour counts by its number of samples, and the frame's own samples decide
     /// how much of a pixel is covered.
@@ -335,6 +337,39 @@ mod tests {
         assert!((color.pixels[5][0] - expected).abs() < 1e-5, "{} and {expected}", color.pixels[5][0]);
     }
 
+    /// The share of the background and the surface of a denoised picture, or of samples, add up to the picture, also where the
+    /// share alone is brighter: the background gives way.
+    #[test]
+    fn surface_and_background_add_up_to_the_picture() {
+        let mut record = Record::<f32>::new(2, 1);
+        for stored in record.pixels.chunks_exact_mut(at::COUNT) {
+            stored[at::ALPHA] = 0.75;
+            stored[at::ALBEDO..][..3].copy_from_slice(&[0.5; 3]);
+            stored[at::BACKGROUND..][..3].copy_from_slice(&[40.0; 3]);
+        }
+        let behind = Rgb::filled(2, 1, [20.0; 3]);
+        let picture = Rgb { width: 2, height: 1, pixels: vec![[1.0, 2.0, 3.0], [20.0, 30.0, 40.0]] };
+        let (alpha, albedo) = (Image::filled(2, 1, 0.5), Rgb::filled(2, 1, [0.25; 3]));
+        let samples = Samples { raw: &picture, alpha: &alpha, albedo: &albedo, background: &behind, spp: 4, counts: None };
+        record.add_part(0, &samples, 2.0);
+        record.add_denoised(0, &picture, 2.0);
+        let all = Selection::all(&record);
+        let [noisy, ..] = record.noisy(&all, 2.0);
+        let alone = Selection { groups: Groups { denoised: false, ..all.groups }, ..all };
+        for (i, (stored, shown)) in record.pixels.chunks_exact(at::COUNT).zip(&picture.pixels).enumerate() {
+            let [denoised, traced] = [all, alone].map(|selection| PixelInputs::new(stored, &selection, 1.0));
+            let surfaces = [denoised.denoised.unwrap(), [0, 1, 2].map(|c| traced.own[c] / traced.own[3] * traced.tint[c])];
+            for c in 0..3 {
+                assert!(surfaces.iter().all(|surface| surface[c] >= 0.0));
+                for (alpha, pixel, surface) in [(0.75, &denoised, surfaces[0]), (0.5, &traced, surfaces[1])] {
+                    let sum = alpha * surface[c] + (1.0 - alpha) * pixel.background[c];
+                    assert!((sum - 2.0 * shown[c]).abs() < 1e-4, "{sum} and {shown:?}");
+                }
+                assert!((noisy.pixels[i][c] - shown[c]).abs() < 1e-4, "{:?} and {shown:?}", noisy.pixels[i]);
+            }
+        }
+    }
+
     /// The network is told the number of samples of each pixel, in the frame's own part, and coverage stays what it was.
     #[test]
     fn pixels_say_how_many_samples_they_have() {
@@ -351,8 +386,8 @@ mod tests {
             [4, 5].map(|i| {
                 let stored = &record.pixels[i * at::COUNT..][..at::COUNT];
                 let pixel = PixelInputs::new(stored, &selection, record.spread_at(i));
-                let mut channels = [0.0; super::super::record::MOST_CHANNELS];
-                super::super::record::channels_of(stored, &pixel, &selection, &selection.amounts(), &mut channels);
+                let mut channels = [0.0; MOST_CHANNELS];
+                channels_of(stored, &pixel, &selection, &selection.amounts(), &mut channels);
                 (pixel.spp, pixel.own[3], channels[at::BACKGROUND + 3..at::BACKGROUND + 5].to_vec())
             })
         };

@@ -60,7 +60,7 @@ pub mod at {
     pub const SAMPLES: usize = KEYS + 4 * super::KEYS;
     /// The same for each sum of neighbours, as far as the samples hold. Coverage is 0 where no neighbour shows this surface.
     pub const NEARBY: usize = SAMPLES + 4 * PARTS;
-    /// For each denoised picture: radiance of the surface.
+    /// For each denoised picture: radiance of the surface; negative where the picture is darker than the share of the background.
     pub const DENOISED: usize = NEARBY + 4 * NEIGHBOURS;
     /// True radiance.
     pub const TRUTH: usize = DENOISED + 3 * PICTURES;
@@ -222,7 +222,8 @@ pub fn tint(albedo: [f32; 3], stored: &[f32]) -> [f32; 3] {
 pub struct PixelInputs {
     /// Coverage.
     pub alpha: f32,
-    /// Environment behind the pixel.
+    /// Environment behind the pixel, and less where the samples, and the denoised picture if one is used, are darker than its
+    /// share: the pixel then shows a darker part of it.
     pub background: [f32; 3],
     /// Reflectance ([`tint`]) by which filtered samples are multiplied.
     pub tint: [f32; 3],
@@ -234,7 +235,7 @@ pub struct PixelInputs {
     pub keys: [[f32; 3]; KEYS],
     /// Logarithm of each keyframe's weight before training; minus infinity where the keyframe shows nothing.
     pub trust: [f32; KEYS],
-    /// Samples divided by the reflectance, and their coverage, both times the number of samples.
+    /// Samples divided by the reflectance, and their coverage, both times the number of samples. None is negative.
     pub own: [f32; 4],
     /// The number of samples.
     pub spp: f32,
@@ -271,21 +272,52 @@ impl PixelInputs {
         }
         if groups.samples {
             pixel.reflected = three(at::REFLECTED);
+        }
+        let traced = Traced::of(stored, selection, spread);
+        let denoised = groups.denoised.then(|| three(at::DENOISED + 3 * selection.picture));
+        // How much darker the background is than was thought: by the samples, and at most by the denoised picture, which blurs.
+        let (missed, open) = (traced.spp - traced.own[3], 1.0 - pixel.alpha);
+        for (c, behind) in pixel.background.iter_mut().enumerate() {
+            let darker = if missed > 0.0 { traced.own[c] * pixel.tint[c] / missed } else { 0.0 };
+            let most = denoised.map_or(f32::NEG_INFINITY, |rgb| if open > 0.0 { pixel.alpha * rgb[c] / open } else { 0.0 });
+            *behind = (*behind + darker.max(most).min(0.0)).max(0.0);
+        }
+        let positive = |[r, g, b, coverage]: [f32; 4]| [r.max(0.0), g.max(0.0), b.max(0.0), coverage];
+        (pixel.own, pixel.spp, pixel.others) = (positive(traced.own), traced.spp, traced.others.map(positive));
+        pixel.denoised = denoised.map(|rgb| rgb.map(|v| v.max(0.0)));
+        pixel
+    }
+}
+
+/// The selected samples of a pixel, as [`PixelInputs`] has them. They are negative where samples are darker than the share of the
+/// background.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Traced {
+    pub own: [f32; 4],
+    pub spp: f32,
+    pub others: [[f32; 4]; NEIGHBOURS],
+}
+
+impl Traced {
+    /// Arguments are those of [`PixelInputs::new`].
+    #[inline(always)]
+    pub fn of(stored: &[f32], selection: &Selection, spread: f32) -> Self {
+        let mut traced = Self::default();
+        if selection.groups.samples {
             for (part, spp) in selection.parts.iter().enumerate().filter(|(_, spp)| **spp > 0.0) {
                 let spp = if *spp > 1.0 { spp * spread } else { *spp };
-                pixel.spp += spp;
-                for (sum, value) in pixel.own.iter_mut().zip(&stored[at::SAMPLES + 4 * part..]) {
+                traced.spp += spp;
+                for (sum, value) in traced.own.iter_mut().zip(&stored[at::SAMPLES + 4 * part..]) {
                     *sum += spp * value;
                 }
             }
         }
-        if groups.neighbours {
-            for (n, other) in pixel.others.iter_mut().enumerate() {
+        if selection.groups.neighbours {
+            for (n, other) in traced.others.iter_mut().enumerate() {
                 *other = std::array::from_fn(|c| selection.neighbours[n] * stored[at::NEARBY + 4 * n + c]);
             }
         }
-        pixel.denoised = groups.denoised.then(|| three(at::DENOISED + 3 * selection.picture));
-        pixel
+        traced
     }
 }
 
@@ -432,5 +464,10 @@ pub fn channels_of(
 
 /// Clamps a number to the range of stored radiance. NaN becomes 0.
 pub fn radiance(v: f32) -> f32 {
-    if v.is_nan() { 0.0 } else { v.clamp(0.0, MAX_RADIANCE) }
+    difference(v).max(0.0)
+}
+
+/// Clamps a difference to the range of stored radiance on both sides of 0. NaN becomes 0.
+pub fn difference(v: f32) -> f32 {
+    if v.is_nan() { 0.0 } else { v.clamp(-MAX_RADIANCE, MAX_RADIANCE) }
 }

@@ -5,11 +5,15 @@ mod dominant;
 
 pub use dominant::DominantLight;
 
+use crate::Camera;
 use crate::image::{Image, Rgb};
 pub use angle::atan2;
 use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
 use std::f32::consts::{PI, TAU};
+
+/// The largest difference of radiance, as a share of the mean, between directions whose mean serves for a pixel.
+const EVEN: f32 = 0.05;
 
 /// Equirectangular environment map with the orientation and gain it is used with.
 ///
@@ -64,6 +68,24 @@ impl Environment {
     #[inline]
     pub fn radiance(&self, direction: Vec3A) -> [f32; 3] {
         self.radiance_uv(self.uv(direction))
+    }
+
+    /// Mean radiance over pixel (x, y) of `camera`: of four directions if they agree to [`EVEN`], else of sixteen.
+    pub fn over_pixel(&self, camera: &Camera, (x, y): (usize, usize)) -> [f32; 3] {
+        // A grid of four by four. The first directions of the rows lie in four columns.
+        let seen = |row: usize, step: usize| {
+            let at = Vec2::new((([1, 3, 0, 2][row] + step) % 4) as f32, row as f32);
+            let through = Vec2::new(x as f32, y as f32) + (at + 0.5) / 4.0;
+            Vec3A::from_array(self.radiance(camera.ray_direction(through)))
+        };
+        let first = [0, 1, 2, 3].map(|row| seen(row, 0));
+        let sum: Vec3A = first.iter().sum();
+        let [low, high] = [Vec3A::min, Vec3A::max].map(|end| first.into_iter().reduce(end).unwrap_or(Vec3A::ZERO));
+        if (high - low).cmple(EVEN / 4.0 * sum).all() {
+            return (sum / 4.0).to_array();
+        }
+        let others = (0..4).flat_map(|row| (1..4).map(move |step| (row, step)));
+        ((sum + others.map(|(row, step)| seen(row, step)).sum::<Vec3A>()) / 16.0).to_array()
     }
 
     /// Radiance at map coordinates as [`Self::uv`] returns them: bilinear, times `intensity`. An empty map is black.

@@ -1,6 +1,7 @@
 //! The environment against what can be worked out by hand: orientation, averages over the sphere, equal-area tiles.
 
 use glam::{Mat3A, Vec2, Vec3A};
+use renderflow_frame::Camera;
 use renderflow_frame::color::luminance;
 use renderflow_frame::environment::Environment;
 use renderflow_frame::image::Rgb;
@@ -167,4 +168,35 @@ fn uv_never_leaves_the_map() {
         assert!(env.radiance_uv(uv).iter().all(|v| v.is_finite()));
     }
     assert!(env.radiance_uv(Vec2::new(1.0, 1.0)).iter().all(|v| v.is_finite()));
+}
+
+/// The mean over a pixel is the mean of 64 x 64 directions within it: to a rounding where radiance hardly changes, and to a few
+/// per cent of a lamp whose edge lies in the pixel, where the centre of the pixel is off by far more.
+#[test]
+fn pixels_see_the_mean_of_their_directions() {
+    let camera = Camera::look_at(Vec3A::ZERO, Vec3A::new(0.3, 0.1, -1.0), Vec3A::Y, 0.8, 24, 16);
+    let places: Vec<(usize, usize)> = (0..16).flat_map(|y| (0..24).map(move |x| (x, y))).collect();
+    let mean = |env: &Environment, (x, y): (usize, usize)| {
+        let at = |i: usize, n: usize| n as f32 + (i as f32 + 0.5) / 64.0;
+        let seen = |i: usize| env.radiance(camera.ray_direction(Vec2::new(at(i % 64, x), at(i / 64, y))));
+        (0..64 * 64).map(|i| Vec3A::from_array(seen(i))).sum::<Vec3A>() / (64.0 * 64.0)
+    };
+    assert_eq!(Environment::constant([0.5, 2.0, 3.0]).over_pixel(&camera, (3, 4)), [0.5, 2.0, 3.0]);
+    let sky = smooth(64, 32);
+    for &place in &places {
+        assert!((Vec3A::from_array(sky.over_pixel(&camera, place)) - mean(&sky, place)).abs().max_element() < 1e-4, "{place:?}");
+    }
+    // A texel covers about four pixels by four, so that its edge is steep within them.
+    let mut map = Rgb::filled(256, 128, [0.1; 3]);
+    (56..60).for_each(|row| (4..12).for_each(|column| map.pixels[row * 256 + column] = [10.0; 3]));
+    let lamp = Environment { map, rotation: 0.0, intensity: 1.0 };
+    let mut worst = [0.0_f32; 2];
+    for &(x, y) in &places {
+        let truth = mean(&lamp, (x, y));
+        let centre = lamp.radiance(camera.ray_direction(Vec2::new(x as f32 + 0.5, y as f32 + 0.5)));
+        for (worst, seen) in worst.iter_mut().zip([lamp.over_pixel(&camera, (x, y)), centre]) {
+            *worst = worst.max((Vec3A::from_array(seen) - truth).abs().max_element());
+        }
+    }
+    assert!(worst[0] < 0.3 && worst[1] > 4.0 * worst[0], "{worst:?}");
 }

@@ -101,8 +101,7 @@ fn coverage_mixes_with_the_background_and_borrows_at_the_rim() {
     assert!(Vec3A::from_array(shading.surfaces.normal.pixels[i]).distance(n) < 1e-6);
     let albedo = shading.surfaces.albedo.pixels[i];
     assert!((albedo[0] - 0.8).abs() < 1e-6 && (albedo[2] - 0.2).abs() < 1e-6, "{albedo:?}");
-    let ray = camera().ray_direction(Vec2::new((i % SIZE) as f32 + 0.5, (i / SIZE) as f32 + 0.5));
-    let background = light.environment.radiance(ray);
+    let background = light.environment.over_pixel(&camera(), (i % SIZE, i / SIZE));
     for (k, behind) in background.iter().enumerate() {
         let surface = shading.diffuse.pixels[i][k] * shading.irradiance.pixels[i][k] + shading.specular.pixels[i][k];
         assert!((shading.image.pixels[i][k] - 0.25 * surface - 0.75 * behind).abs() < 1e-5);

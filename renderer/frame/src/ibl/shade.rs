@@ -34,7 +34,8 @@ pub struct Surfaces {
     /// Radiance of the environment that clear surfaces let through, 0 elsewhere; `None` where the frame has no such surfaces.
     /// There the albedo is 0: what reflects is the surface alone.
     pub through: Option<Rgb>,
-    /// The environment seen through the pixel's centre; 0 where the pixel is fully covered and the background is invisible.
+    /// The environment seen through the pixel ([`Environment::over_pixel`]); 0 where the pixel is fully covered and the
+    /// background is invisible.
     pub background: Rgb,
     /// Coverage.
     pub alpha: Image<f32>,
@@ -68,8 +69,8 @@ pub struct Shading {
     pub surfaces: Surfaces,
 }
 
-/// What the pixels of `frame` show. The result has the same bits for any number of threads. Pixels without coverage cost one
-/// look-up, and fully covered pixels need no background.
+/// What the pixels of `frame` show. The result has the same bits for any number of threads. Pixels without coverage cost
+/// four look-ups where the background is even, and fully covered pixels need no background.
 ///
 /// # Panics
 /// When a channel of `frame` does not have `frame.width * frame.height` pixels.
@@ -99,10 +100,9 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
     rows.into_par_iter().enumerate().for_each(|(y, (brdf, albedo, normal, material, depth, background))| {
         for x in 0..width {
             let through = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
-            let ray = camera.ray_direction(through);
             let alpha = *frame.alpha.at(x, y);
             if alpha < 1.0 {
-                background[x] = environment.radiance(ray);
+                background[x] = environment.over_pixel(camera, (x, y));
             }
             if alpha <= 0.0 {
                 continue;
