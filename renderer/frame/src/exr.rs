@@ -6,12 +6,13 @@ mod open;
 use crate::channel::{Access, Field, LAYERS, Layer as TableLayer, Storage};
 use crate::file::write_atomic;
 use crate::image::{Image, Rgb};
-use crate::{Error, Frame, FrameInfo, Result, rgbe};
+use crate::{Error, Frame, FrameInfo, Result, color, rgbe};
 use ::exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer};
 use ::exr::math::Vec2;
 use ::exr::meta::attribute::{Chromaticities, EnvironmentMap, IntegerBounds};
 use ::exr::meta::header::{Header, LayerAttributes};
 use ::exr::prelude::{Compression, LineOrder, ReadChannels, ReadLayers, WritableImage};
+use glam::{Mat3A, Vec3A};
 use half::f16;
 use half::slice::HalfFloatSliceExt;
 use std::io::Cursor;
@@ -20,10 +21,8 @@ use std::path::Path;
 /// First bytes of every OpenEXR file.
 pub(crate) const SIGNATURE: [u8; 4] = ::exr::meta::magic_number::BYTES;
 
-/// Red, green and blue of Rec.709, in the chromaticity diagram.
-const REC709: [Vec2<f32>; 3] = [Vec2(0.64, 0.33), Vec2(0.30, 0.60), Vec2(0.15, 0.06)];
 /// Largest difference of a coordinate by which a primary is still the same one: Radiance's green is (0.29, 0.60).
-const SAME_PRIMARY: f32 = 0.015;
+const SAME_PRIMARY: f64 = 0.015;
 
 /// Largest finite half float.
 pub(crate) const HALF_MAX: f32 = 65504.0;
@@ -113,12 +112,13 @@ pub fn info(name: &Path, bytes: &[u8]) -> Result<FrameInfo> {
     attributes::read(header).map_err(|reason| Error::malformed(name, reason))
 }
 
-/// Reads the root channels `R`, `G`, `B`, half or float, of an OpenEXR file from any program. Values are as stored and may be
-/// NaN.
+/// Reads the root channels `R`, `G`, `B`, half or float, of an OpenEXR file from any program, as linear Rec.709. Values are as
+/// stored and may be NaN. Where the file names other primaries, they are converted, and colours beyond Rec.709 have negative
+/// components.
 ///
 /// # Errors
-/// When the file is missing or damaged, lacks a channel, covers only a part of its display window, or has other primaries than
-/// Rec.709.
+/// When the file is missing or damaged, lacks a channel, covers only a part of its display window, or names primaries that make
+/// no space of colours.
 pub fn read_rgb(path: &Path) -> Result<Rgb> {
     decode_rgb(path, &crate::file::read(path)?)
 }
@@ -128,12 +128,21 @@ pub fn read_rgb(path: &Path) -> Result<Rgb> {
 /// # Errors
 /// As [`read_rgb`].
 pub fn decode_rgb(name: &Path, bytes: &[u8]) -> Result<Rgb> {
-    decode_rgb_header(name, bytes).map(|(picture, _)| picture)
+    let (mut picture, header) = decode_stored(name, bytes)?;
+    if let Some(matrix) = to_rec709(&header).map_err(|reason| Error::malformed(name, reason))? {
+        picture.pixels.iter_mut().for_each(|pixel| *pixel = (matrix * Vec3A::from_array(*pixel)).to_array());
+    }
+    Ok(picture)
 }
 
-/// As [`decode_rgb`] for an environment map; cube maps are refused.
+/// As [`decode_rgb`] for an environment map; cube maps are refused. Components that conversion made negative become 0.
 pub(crate) fn decode_environment(name: &Path, bytes: &[u8]) -> Result<Rgb> {
-    let (picture, header) = decode_rgb_header(name, bytes)?;
+    let (mut picture, header) = decode_stored(name, bytes)?;
+    if let Some(matrix) = to_rec709(&header).map_err(|reason| Error::malformed(name, reason))? {
+        for texel in picture.pixels.iter_mut().filter(|texel| texel.iter().all(|v| v.is_finite() && *v >= 0.0)) {
+            *texel = (matrix * Vec3A::from_array(*texel)).max(Vec3A::ZERO).to_array();
+        }
+    }
     match header.own_attributes.environment_map {
         Some(EnvironmentMap::Cube) => Err(Error::malformed(name, "a cube map; only equirectangular maps are supported")),
         _ => Ok(picture),
@@ -168,27 +177,28 @@ fn rgb_header(name: &Path, bytes: &[u8]) -> Result<Header> {
             place(display)
         )));
     }
-    if let Some(found) = header.shared_attributes.chromaticities {
-        check_primaries(&found).map_err(malformed)?;
-    }
+    to_rec709(header).map_err(malformed)?;
     Ok(header.clone())
 }
 
-/// Refuses colours that are not those of Rec.709, which everything here takes them for. White is not looked at: equal channels
-/// are white by any of them.
-fn check_primaries(found: &Chromaticities) -> std::result::Result<(), String> {
-    let found = [found.red, found.green, found.blue];
-    let near = |(found, expected): (&Vec2<f32>, Vec2<f32>)| {
-        (found.0 - expected.0).abs() <= SAME_PRIMARY && (found.1 - expected.1).abs() <= SAME_PRIMARY
-    };
-    if found.iter().zip(REC709).all(near) {
-        return Ok(());
+/// The matrix from the colours of a file to linear Rec.709; `None` if it has these, or names none. The file's white is white.
+fn to_rec709(header: &Header) -> std::result::Result<Option<Mat3A>, String> {
+    let Some(Chromaticities { red, green, blue, white }) = header.shared_attributes.chromaticities else { return Ok(None) };
+    let [red, green, blue, white] = [red, green, blue, white].map(|Vec2(x, y)| [f64::from(x), f64::from(y)]);
+    let near = |(found, expected): ([f64; 2], [f64; 2])| (0..2).all(|k| (found[k] - expected[k]).abs() <= SAME_PRIMARY);
+    if [red, green, blue].into_iter().zip(color::REC709).all(near) {
+        return Ok(None);
     }
-    let [red, green, blue] = found.map(|Vec2(x, y)| format!("({x}, {y})"));
-    Err(format!("its primaries are red {red}, green {green}, blue {blue}, not those of Rec.709: convert it to linear Rec.709"))
+    let Some(matrix) = color::rgb_to_rec709([red, green, blue], white) else {
+        return Err(format!(
+            "its primaries, red {red:?}, green {green:?} and blue {blue:?} with white {white:?}, make no colours"
+        ));
+    };
+    Ok(Some(matrix.as_mat3().into()))
 }
 
-fn decode_rgb_header(name: &Path, bytes: &[u8]) -> Result<(Rgb, Header)> {
+/// The picture as it is stored.
+fn decode_stored(name: &Path, bytes: &[u8]) -> Result<(Rgb, Header)> {
     let header = rgb_header(name, bytes)?;
     let reader = ::exr::prelude::read().no_deep_data().largest_resolution_level().rgb_channels(
         |size, _| Rgb::filled(size.width(), size.height(), [0.0; 3]),

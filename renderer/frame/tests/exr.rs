@@ -305,23 +305,62 @@ fn a_missing_channel_is_named() {
     }
 }
 
-/// Colours of ACES that are taken for those of Rec.709 would be wrong without a word.
+/// Colours of ACES or Rec.2020 that were taken for those of Rec.709 would be wrong without a word.
 #[test]
-fn other_primaries_are_refused() {
-    let (bytes, _) = encode(&common::frame(3, 3)).unwrap();
+fn other_primaries_are_converted() {
+    let frame = common::frame(3, 3);
+    let (bytes, _) = encode(&frame).unwrap();
     let find = b"chromaticities\0chromaticities\0";
     let at = bytes.windows(find.len()).position(|w| w == find).unwrap() + find.len() + 4;
-    let with = |primaries: [f32; 6]| {
+    let with = |chromaticities: [f32; 8]| {
         let mut bytes = bytes.clone();
-        primaries.iter().zip(bytes[at..].chunks_exact_mut(4)).for_each(|(v, place)| place.copy_from_slice(&v.to_le_bytes()));
-        exr::decode_rgb(Path::new(NAME), &bytes).map(|picture| picture.pixels.len()).map_err(|e| e.to_string())
+        chromaticities.iter().zip(bytes[at..].chunks_exact_mut(4)).for_each(|(v, place)| place.copy_from_slice(&v.to_le_bytes()));
+        exr::decode_rgb(Path::new(NAME), &bytes).map(|picture| picture.pixels).map_err(|e| e.to_string())
     };
-    // Rec.709, and the primaries that Radiance writes.
-    assert_eq!([with([0.64, 0.33, 0.3, 0.6, 0.15, 0.06]), with([0.64, 0.33, 0.29, 0.6, 0.15, 0.06])], [Ok(9), Ok(9)]);
-    for other in [[0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077], [0.708, 0.292, 0.17, 0.797, 0.131, 0.046]] {
-        let error = with(other).unwrap_err();
-        assert!(error.contains("its primaries are red (0.7") && error.contains("convert it to linear Rec.709"), "{error}");
+    let d65 = [0.3127, 0.329];
+    let join = |primaries: [f32; 6], white: [f32; 2]| -> [f32; 8] {
+        std::array::from_fn(|k| if k < 6 { primaries[k] } else { white[k - 6] })
+    };
+    let stored = with(join([0.64, 0.33, 0.3, 0.6, 0.15, 0.06], d65)).unwrap();
+    // The primaries that Radiance writes.
+    assert_eq!(with(join([0.64, 0.33, 0.29, 0.6, 0.15, 0.06], d65)).unwrap(), stored);
+    // The published matrices to Rec.709: of Rec.2020 (ITU-R BT.2087), and of ACEScg with Bradford's adaptation (OpenColorIO).
+    let rec2020 = [[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]];
+    let acescg = [[1.705_051, -0.621_792, -0.083_259], [-0.130_256, 1.140_805, -0.010_548], [-0.024_003, -0.128_969, 1.152_972]];
+    let spaces = [
+        (join([0.708, 0.292, 0.17, 0.797, 0.131, 0.046], d65), rec2020),
+        (join([0.713, 0.293, 0.165, 0.83, 0.128, 0.044], [0.32168, 0.33767]), acescg),
+    ];
+    for (chromaticities, rows) in spaces {
+        for (found, stored) in with(chromaticities).unwrap().iter().zip(&stored) {
+            let most = stored.iter().fold(0.0, |most: f32, v| most.max(v.abs()));
+            for (found, row) in found.iter().zip(rows) {
+                let expected: f32 = row.iter().zip(stored).map(|(weight, v)| weight * v).sum();
+                assert!((found - expected).abs() <= 2e-4 * most, "{found} and {expected}");
+            }
+        }
     }
+    // On a line, and without numbers.
+    for bad in [[0.64, 0.33, 0.32, 0.165, 0.16, 0.0825], [f32::NAN; 6], [f32::INFINITY; 6]] {
+        assert!(with(join(bad, d65)).unwrap_err().contains("make no colours"));
+    }
+    assert!(with(join([0.708, 0.292, 0.17, 0.797, 0.131, 0.046], [0.3, 0.0])).unwrap_err().contains("make no colours"));
+}
+
+/// Light has no negative radiance, also where the colour lies beyond Rec.709.
+#[test]
+fn maps_of_wider_spaces_stay_positive() {
+    let mut frame = common::frame(3, 3);
+    frame.beauty = Some(renderflow_frame::image::Rgb::filled(3, 3, [0.0, 2.0, 0.0]));
+    let (mut bytes, _) = encode(&frame).unwrap();
+    let find = b"chromaticities\0chromaticities\0";
+    let at = bytes.windows(find.len()).position(|w| w == find).unwrap() + find.len() + 4;
+    let wide: [f32; 6] = [0.708, 0.292, 0.17, 0.797, 0.131, 0.046];
+    wide.iter().zip(bytes[at..].chunks_exact_mut(4)).for_each(|(v, place)| place.copy_from_slice(&v.to_le_bytes()));
+    let loaded = renderflow_frame::hdr::decode(Path::new(NAME), &bytes).unwrap();
+    assert_eq!(loaded.repaired, 0);
+    let [red, green, blue] = loaded.map.pixels[4];
+    assert!(red == 0.0 && blue == 0.0 && (green - 2.0 * 1.1329).abs() < 1e-3, "{:?}", loaded.map.pixels[4]);
 }
 
 #[test]

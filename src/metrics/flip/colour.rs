@@ -4,17 +4,13 @@ use glam::{DMat3, DVec3, Mat3, Vec3};
 use renderflow_frame::color;
 use renderflow_frame::image::Rgb;
 
-/// Chromaticities (x, y) of the primaries of Rec.709, and the white point that FLIP takes for D65.
-const PRIMARIES: [[f64; 2]; 3] = [[0.64, 0.33], [0.30, 0.60], [0.15, 0.06]];
+/// The white point that FLIP takes for D65.
 const WHITE: [f64; 2] = [0.312_71, 0.329_02];
 
 /// Linear Rec.709 to XYZ relative to white (white is (1, 1, 1)).
 fn rgb_to_xyz() -> DMat3 {
-    let xyz = |[x, y]: [f64; 2]| DVec3::new(x / y, 1.0, (1.0 - x - y) / y);
-    let primaries = DMat3::from_cols(xyz(PRIMARIES[0]), xyz(PRIMARIES[1]), xyz(PRIMARIES[2]));
-    let white = xyz(WHITE);
-    let gains = primaries.inverse() * white;
-    DMat3::from_diagonal(white.recip()) * primaries * DMat3::from_diagonal(gains)
+    let matrix = color::rgb_to_xyz(color::REC709, WHITE);
+    DMat3::from_diagonal((matrix * DVec3::ONE).recip()) * matrix
 }
 
 /// Linearised CIELAB (the paper's YCxCz) of XYZ relative to white, without the offset -16 of its first coordinate.
