@@ -107,8 +107,13 @@ impl Pass<'_> {
     /// Light of one of the lights with its shadow; and its specular part without shadow, for any roughness.
     fn direct_of(&self, i: usize, number: usize, view: &View, material: &Material) -> (Vec3A, f32) {
         let light = &self.lighting.lights[number];
-        let cosine = disc_cosine(view.n.dot(light.direction), light.angular_radius);
-        let response = material.respond(view.n, view.v, light.direction, cosine, light.angular_radius);
+        let toward = |n: Vec3A| {
+            let cosine = disc_cosine(n.dot(light.direction), light.angular_radius);
+            material.respond(n, view.v, light.direction, cosine, light.angular_radius)
+        };
+        let mut response = toward(view.n);
+        let turn = self.camera.camera_to_world.matrix3;
+        response.specular = self.shading.surfaces.over_parts(i, |normal| toward(turn * normal).specular);
         let irradiance = Vec3A::from_array(light.irradiance) * self.seen(i, number);
         ((response.diffuse + response.specular * self.discs(i)) * irradiance, response.specular.element_sum())
     }
@@ -154,8 +159,6 @@ impl Pass<'_> {
             seen += self.seen(i, light) * specular;
             weight += specular;
         }
-        let roughness = shading.surfaces.material.pixels[i][0];
-        let mirror = view.n * (2.0 * view.n.dot(view.v)) - view.v;
         let prefiltered = Vec3A::from_array(shading.prefiltered.pixels[i]);
         let (mut open, mut specular_open) = (Vec3A::ONE, 1.0);
         let mut irradiance = Vec3A::from_array(shading.irradiance.pixels[i]);
@@ -181,7 +184,7 @@ impl Pass<'_> {
         if weight > 0.0 {
             let discs = self.discs(i);
             if discs < 1.0 {
-                let whole = Vec3A::from_array(self.lighting.whole.tables().prefiltered(mirror, roughness));
+                let whole = shading.surfaces.mirrored(i, self.camera, view.v, self.lighting.whole.tables());
                 let lights = (whole - prefiltered).max(Vec3A::ZERO);
                 pixel.mirrored = material.reflected * lights * ((1.0 - discs) * seen / weight);
             }

@@ -52,6 +52,38 @@ impl Point {
     }
 }
 
+/// The normal in the middle of pixel `i`.
+fn normal_of(frame: &Frame, i: usize) -> Vec3A {
+    Vec3A::from_array(frame.normal.pixels[i]).normalize_or_zero()
+}
+
+/// Whether the surfaces in the middles of pixels `i` and `j` are two.
+fn differ(frame: &Frame, i: usize, j: usize) -> bool {
+    let [a, b] = [i, j].map(|k| frame.depth.pixels[k]);
+    let [m, n] = [i, j].map(|k| frame.material.pixels[k]);
+    m != n || (a - b).abs() > STEP * a.min(b) || normal_of(frame, i).dot(normal_of(frame, j)) < CREASE
+}
+
+/// How much the normal changes across pixel (x, y), along x and along y: to the pixel beside it that shows the same surface with
+/// the smaller change; 0 where there is none.
+pub(super) fn bend(frame: &Frame, x: usize, y: usize) -> [[f32; 3]; 2] {
+    let (width, height) = (frame.width, frame.height);
+    let at = y * width + x;
+    if !is_depth(frame.depth.pixels[at]) {
+        return [[0.0; 3]; 2];
+    }
+    let beside = |before: Option<usize>, after: Option<usize>| {
+        let same = |j: &usize| is_depth(frame.depth.pixels[*j]) && !differ(frame, at, *j);
+        let change = |from: usize, to: usize| normal_of(frame, to) - normal_of(frame, from);
+        let changes = [before.filter(same).map(|j| change(j, at)), after.filter(same).map(|j| change(at, j))];
+        let least = changes.into_iter().flatten().min_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
+        least.filter(|change| change.is_finite()).map_or([0.0; 3], |change| change.to_array())
+    };
+    let across = beside((x > 0).then(|| at - 1), (x + 1 < width).then_some(at + 1));
+    let down = beside((y > 0).then(|| at - width), (y + 1 < height).then_some(at + width));
+    [across, down]
+}
+
 /// The edges of `frame`, in the order of pixels; none without anti-aliased guides. The result has the same bits for any number of
 /// threads.
 pub(super) fn find(frame: &Frame) -> Vec<(usize, usize, f32)> {
@@ -59,15 +91,7 @@ pub(super) fn find(frame: &Frame) -> Vec<(usize, usize, f32)> {
     let (width, height) = (frame.width, frame.height);
     let clear = |i: usize| frame.through.as_ref().is_some_and(|through| through.pixels[i] != [0.0; 3]);
     let whole = |i: usize| frame.alpha.pixels[i] >= COVERED && is_depth(frame.depth.pixels[i]) && !clear(i);
-    let middle = |i: usize| {
-        let normal = Vec3A::from_array(frame.normal.pixels[i]).normalize_or_zero();
-        Point { albedo: Vec3A::from_array(frame.albedo.pixels[i]), normal }
-    };
-    let differ = |i: usize, j: usize| {
-        let [a, b] = [i, j].map(|k| frame.depth.pixels[k]);
-        let [m, n] = [i, j].map(|k| frame.material.pixels[k]);
-        m != n || (a - b).abs() > STEP * a.min(b) || middle(i).normal.dot(middle(j).normal) < CREASE
-    };
+    let middle = |i: usize| Point { albedo: Vec3A::from_array(frame.albedo.pixels[i]), normal: normal_of(frame, i) };
     let edge = |i: usize| {
         if !whole(i) {
             return None;
@@ -84,7 +108,7 @@ pub(super) fn find(frame: &Frame) -> Vec<(usize, usize, f32)> {
         let rows = y.saturating_sub(1)..=(y + 1).min(height - 1);
         let around = rows.flat_map(|y| (x.saturating_sub(1)..=(x + 1).min(width - 1)).map(move |x| y * width + x));
         let mut best: Option<(f32, usize, f32)> = None;
-        for j in around.filter(|&j| j != i && whole(j) && differ(i, j)) {
+        for j in around.filter(|&j| j != i && whole(j) && differ(frame, i, j)) {
             let between = middle(j).minus(own);
             let length = between.dot(between);
             if length < APART {

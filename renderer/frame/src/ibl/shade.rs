@@ -29,6 +29,8 @@ pub struct Surfaces {
     pub normal: Rgb,
     /// (roughness, metallic, specular); pixels with coverage whose centre missed borrow their nearest neighbour's.
     pub material: Rgb,
+    /// How much the camera-space normal changes across the pixel, along x and along y.
+    pub bend: Image<[[f32; 3]; 2]>,
     /// Planar depth, borrowed like `material`; +inf where nothing is covered, and where no pixel nearby was hit.
     pub depth: Image<f32>,
     /// Radiance of the environment that clear surfaces let through, 0 elsewhere; `None` where the frame has no such surfaces.
@@ -44,6 +46,37 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
+    /// The mean of what the parts of the surface in pixel `i` reflect. `reflect` gets the camera-space unit normal of a part.
+    ///
+    /// Flat surfaces have one part, and curved ones 4 or 16, where that is much beside the width of their lobes. One wider lobe
+    /// instead (Tokuyoshi and Kaplanyan, Improved Geometric Specular Antialiasing, 2019) has long tails, which show lamps where
+    /// none is reflected.
+    pub fn over_parts(&self, i: usize, mut reflect: impl FnMut(Vec3A) -> Vec3A) -> Vec3A {
+        let normal = Vec3A::from_array(self.normal.pixels[i]);
+        let [across, down] = self.bend.pixels[i].map(Vec3A::from_array);
+        // Twice the variance of the normal's slope over the pixel, a box filter, against the square of GGX's width.
+        let spread = (across.length_squared() + down.length_squared()) / 12.0;
+        let width = self.material.pixels[i][0].powi(4);
+        let side = match spread / width.max(f32::MIN_POSITIVE) {
+            ..0.0625 => return reflect(normal),
+            0.0625..0.25 => 2,
+            _ => 4,
+        };
+        let step = |k: usize| (k as f32 + 0.5) / side as f32 - 0.5;
+        let places = (0..side * side).map(|k| [step(k % side), step(k / side)]);
+        let parts = places.map(|[x, y]| (normal + across * x + down * y).normalize_or(normal));
+        parts.map(reflect).sum::<Vec3A>() / (side * side) as f32
+    }
+
+    /// The prefiltered environment that the surface in pixel `i` mirrors. `v` points from it to `camera`, in world space.
+    pub fn mirrored(&self, i: usize, camera: &Camera, v: Vec3A, tables: &IblTables) -> Vec3A {
+        let roughness = self.material.pixels[i][0];
+        self.over_parts(i, |normal| {
+            let n = camera.camera_to_world.matrix3 * normal;
+            Vec3A::from_array(tables.prefiltered(n * (2.0 * n.dot(v)) - v, roughness))
+        })
+    }
+
     /// Gives edges the mean albedo and normal of the surfaces that meet in them.
     pub fn join(&mut self) {
         for edge in &self.edges {
@@ -82,6 +115,7 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
         albedo: rgb(),
         normal: rgb(),
         material: rgb(),
+        bend: Image::filled(width, height, [[0.0; 3]; 2]),
         depth: Image::filled(width, height, f32::INFINITY),
         through: frame.through.is_some().then(rgb),
         background: rgb(),
@@ -93,11 +127,11 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
         out.brdf.pixels.par_chunks_mut(row),
         out.albedo.pixels.par_chunks_mut(row),
         out.normal.pixels.par_chunks_mut(row),
-        out.material.pixels.par_chunks_mut(row),
+        out.material.pixels.par_chunks_mut(row).zip(out.bend.pixels.par_chunks_mut(row)),
         out.depth.pixels.par_chunks_mut(row),
         out.background.pixels.par_chunks_mut(row),
     );
-    rows.into_par_iter().enumerate().for_each(|(y, (brdf, albedo, normal, material, depth, background))| {
+    rows.into_par_iter().enumerate().for_each(|(y, (brdf, albedo, normal, (material, bend), depth, background))| {
         for x in 0..width {
             let through = Vec2::new(x as f32 + 0.5, y as f32 + 0.5);
             let alpha = *frame.alpha.at(x, y);
@@ -112,6 +146,7 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
             let hit = nearest_hit(frame, x, y);
             material[x] = hit.map_or(UNKNOWN_MATERIAL, |i| frame.material.pixels[i]);
             depth[x] = hit.map_or(f32::INFINITY, |i| frame.depth.pixels[i]);
+            bend[x] = edges::bend(frame, x, y);
             albedo[x] = match &frame.guide_albedo {
                 Some(guide) => (Vec3A::from_array(*guide.at(x, y)) / alpha).clamp(Vec3A::ZERO, Vec3A::ONE).to_array(),
                 None => hit.map_or([0.0; 3], |i| frame.albedo.pixels[i]),
@@ -193,12 +228,11 @@ pub fn shade_surfaces(camera: &Camera, surfaces: Surfaces, tables: &IblTables) -
             }
             let v = -camera.ray_direction(Vec2::new(x as f32 + 0.5, y as f32 + 0.5));
             let n = camera.camera_to_world.matrix3 * Vec3A::from_array(*surfaces.normal.at(x, y));
-            let mirror = n * (2.0 * n.dot(v)) - v;
-            let [roughness, metallic, specular_level] = *surfaces.material.at(x, y);
+            let [_, metallic, specular_level] = *surfaces.material.at(x, y);
             let albedo = *surfaces.albedo.at(x, y);
             let base = Vec3A::from_array(albedo) * (1.0 - metallic);
             let light = Vec3A::from_array(tables.irradiance(n));
-            let reflected = Vec3A::from_array(tables.prefiltered(mirror, roughness));
+            let reflected = surfaces.mirrored(y * width + x, camera, v, tables);
             let [scale, bias] = *surfaces.brdf.at(x, y);
             let shiny = reflected * (Vec3A::from_array(f0(albedo, metallic, specular_level)) * scale + bias);
             let behind = Vec3A::from_array(*surfaces.background.at(x, y));
