@@ -46,8 +46,8 @@ impl<'a> Samples<'a> {
         Some(Self { raw, alpha: &frame.alpha, albedo, background, spp, counts })
     }
 
-    /// Radiance of the surface divided by its reflectance, times coverage, and coverage. Radiance is negative where the samples are
-    /// darker than the share of the background, which they may not have met. `stored` holds the numbers of the pixel.
+    /// Radiance of the surface divided by its reflectance, times coverage, and coverage. Radiance is negative where the samples
+    /// are darker than the share of the background, which they may not have met. `stored` holds the numbers of the pixel.
     fn at(&self, i: usize, stored: &[f32], exposure: f32) -> [f32; 4] {
         let alpha = finite(self.alpha.pixels[i]).clamp(0.0, 1.0);
         if alpha <= 0.0 {
