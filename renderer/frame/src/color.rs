@@ -18,8 +18,8 @@ fn xyz([x, y]: [f64; 2]) -> DVec3 {
     DVec3::new(x, y, 1.0 - x - y)
 }
 
-/// The matrix from linear RGB with these primaries and white (x, y) to XYZ, in which white has the luminance 1. It has infinite or
-/// undefined numbers if the primaries lie on a line.
+/// The matrix from linear RGB with these primaries and white (x, y) to XYZ, in which white has the luminance 1. It has infinite
+/// or undefined numbers if the primaries lie on a line.
 pub fn rgb_to_xyz(primaries: [[f64; 2]; 3], white: [f64; 2]) -> DMat3 {
     let primaries = DMat3::from_cols_array_2d(&primaries.map(|primary| xyz(primary).to_array()));
     let gains = primaries.inverse() * (xyz(white) / white[1]);
