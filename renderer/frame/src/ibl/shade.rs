@@ -13,6 +13,9 @@ use std::sync::OnceLock;
 const BORROW_RADIUS: i32 = 4;
 /// Least cosine between normal and view: a filtered or mapped normal may face away.
 const MIN_N_DOT_V: f32 = 1e-3;
+/// Roughness from which no curvature of one surface makes parts of a pixel ([`Surfaces::over_parts`]): two pixels of one surface
+/// have normals with a cosine of at least .9.
+const ROUGHEST: f32 = 0.86;
 /// (roughness, metallic, specular) where no neighbour has any: a rough dielectric.
 const UNKNOWN_MATERIAL: [f32; 3] = [1.0, 0.0, 0.5];
 
@@ -29,7 +32,8 @@ pub struct Surfaces {
     pub normal: Rgb,
     /// (roughness, metallic, specular); pixels with coverage whose centre missed borrow their nearest neighbour's.
     pub material: Rgb,
-    /// How much the camera-space normal changes across the pixel, along x and along y.
+    /// How much the camera-space unit normal changes across the pixel, along x and along y; 0 where it is not known, and on rough
+    /// surfaces.
     pub bend: Image<[[f32; 3]; 2]>,
     /// Planar depth, borrowed like `material`; +inf where nothing is covered, and where no pixel nearby was hit.
     pub depth: Image<f32>,
@@ -146,7 +150,9 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
             let hit = nearest_hit(frame, x, y);
             material[x] = hit.map_or(UNKNOWN_MATERIAL, |i| frame.material.pixels[i]);
             depth[x] = hit.map_or(f32::INFINITY, |i| frame.depth.pixels[i]);
-            bend[x] = edges::bend(frame, x, y);
+            if material[x][0] < ROUGHEST {
+                bend[x] = edges::bend(frame, x, y);
+            }
             albedo[x] = match &frame.guide_albedo {
                 Some(guide) => (Vec3A::from_array(*guide.at(x, y)) / alpha).clamp(Vec3A::ZERO, Vec3A::ONE).to_array(),
                 None => hit.map_or([0.0; 3], |i| frame.albedo.pixels[i]),
