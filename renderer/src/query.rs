@@ -9,14 +9,16 @@
 //! paths.
 
 use crate::accel::{Candidate, Hit, Scratch};
-use crate::compile::{CompiledMaterial, RenderScene};
+use crate::compile::{Clear, CompiledMaterial, RenderScene};
 use crate::features::Features;
 use crate::geometry::Geometry;
 use crate::interaction::Interaction;
 use crate::light::{EnvironmentLight, LightSample, Receiver, Source};
+use crate::material::Principled;
 use crate::ray::Ray;
 use crate::texture::Lookup;
 use glam::{Vec2, Vec3A, Vec4};
+use renderflow_frame::color::luminance;
 use renderflow_scenes::{Mesh, TextureSlot};
 use std::cell::Cell;
 
@@ -25,6 +27,9 @@ const BEFORE_LIGHT: f32 = 1.0 - 1e-5;
 /// A surface passed from behind counts if it lies before this share of the distance: one that coincides with what is hit does
 /// not.
 const BEFORE_HIT: f32 = 1.0 - 1e-5;
+
+/// Clear surfaces that let this share of the light through cast no shadow in shadow maps.
+const LIT_THROUGH: f32 = 0.5;
 
 /// Kinds of rays to blended surfaces: those that are samples of what is seen, and those that decide once and for all.
 const SAMPLE: u8 = 0;
@@ -240,6 +245,27 @@ impl RenderScene {
     #[inline(always)]
     pub(crate) fn trace_centres<F: Features>(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) -> u64 {
         self.trace_packet::<F, CENTRE>(rays, hits, scratch)
+    }
+
+    /// As [`Self::trace_centres`], for rays from a light that tell where shadows begin. Clear surfaces that let at least half of the
+    /// light through are not there: windows light their rooms.
+    pub(crate) fn trace_casters<F: Features>(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
+        self.trace_centres::<F>(rays, hits, scratch);
+        if !self.features().clear {
+            return;
+        }
+        let lit = |hit: &Hit| self.is_lit_through(&self.materials[self.geometry.material(hit)]);
+        for (ray, hit) in rays.iter().zip(hits).filter(|(_, hit)| hit.as_ref().is_some_and(lit)) {
+            *hit = self.geometry.closest_where(ray, scratch, |candidate| {
+                self.stops::<CENTRE>(ray, candidate) && !lit(&candidate.hit)
+            });
+        }
+    }
+
+    /// Whether a surface lets at least half of the light that meets it through. Textures are left out.
+    fn is_lit_through(&self, material: &CompiledMaterial) -> bool {
+        let Principled { transmission, metallic, base_color, .. } = material.surface;
+        material.clear != Clear::No && transmission * (1.0 - metallic) * luminance(base_color.to_array()) >= LIT_THROUGH
     }
 
     #[inline(always)]

@@ -3,11 +3,11 @@
 mod common;
 
 use common::{camera, compile, diffuse, plane, render, scene, sphere};
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Vec3, Vec3A};
 use renderflow_frame::Frame;
 use renderflow_renderer::deferred::{self, Lighting, Options, SHADOW_MAP_SIZE, ShadowTiles, shadow_maps};
 use renderflow_renderer::{Settings, render_gbuffer};
-use renderflow_scenes::{LoadedScene, Material};
+use renderflow_scenes::{LoadedScene, Material, Principled};
 use std::sync::Arc;
 
 /// A ball of radius 1 at `centre` over a wide floor, seen from above.
@@ -42,6 +42,33 @@ fn all_maps_of_a_frame_and_none_without_receivers() {
     assert!(picture.image.pixels.iter().flatten().all(|v| v.is_finite()));
     let dark = picture.terms.visibility[0].pixels.iter().filter(|v| **v < 0.1).count();
     assert!(dark > 20, "{dark} pixels in the shadow");
+}
+
+/// Light goes through glass, unless it takes more than half of it.
+#[test]
+fn clear_bodies_and_panes_cast_no_shadow() {
+    let glass = |color: f32, thin_walled| Material {
+        surface: Principled { transmission: 1.0, roughness: 0.0, base_color: Vec3A::splat(color), ..Principled::default() },
+        thin_walled,
+        ..Material::default()
+    };
+    // Pixels of the floor in the shadow of the strongest light.
+    let dark = |material: Material| {
+        let scene = compile(&ball(Vec3::new(0.0, 1.5, 0.0), material));
+        let lighting = Lighting::new(Arc::clone(scene.light()), deferred::LIGHTS);
+        let (frame, _) = render(&scene, 1);
+        let maps = shadow_maps(&scene, &lighting, &frame);
+        let picture = deferred::shade(&frame, &lighting, &maps, &Options::default());
+        let seen = picture.terms.visibility[0].pixels.iter().zip(&frame.object_id.pixels);
+        seen.filter(|(seen, object)| **seen < 0.1 && **object == 2).count()
+    };
+    let shadow = dark(diffuse([0.5; 3]));
+    assert!(shadow > 20, "{shadow} pixels");
+    for thin in [false, true] {
+        let [bright, dim] = [0.9, 0.4].map(|color| dark(glass(color, thin)));
+        // A pixel at the ball's rim may take its normal from there.
+        assert!(bright <= 1 && dim > 20, "{bright} and {dim} pixels");
+    }
 }
 
 /// A sequence of frames about a still scene looks at some tiles again and again; what is kept of them does not show, and a scene

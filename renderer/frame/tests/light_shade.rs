@@ -118,6 +118,31 @@ fn curvature_widens_reflections() {
     assert!(surfaces(&wall, &light.environment).bend.pixels.iter().flatten().flatten().all(|bend| bend.abs() < 1e-6));
 }
 
+/// Clear surfaces mirror along their own normals, whatever lies behind them; its normals, which guides have, take the diffuse light.
+#[test]
+fn clear_surfaces_mirror_for_themselves() {
+    let light = Light::new(sky());
+    let mut own = sphere();
+    own.material.pixels.fill([0.3, 0.0, 0.5]);
+    let guided = Frame {
+        guide_albedo: Some(Rgb { pixels: own.alpha.pixels.iter().map(|alpha| [0.4 * alpha; 3]).collect(), ..own.albedo.clone() }),
+        guide_normal: Some(Rgb { pixels: own.alpha.pixels.iter().map(|alpha| [0.0, *alpha, 0.0]).collect(), ..own.normal.clone() }),
+        ..own.clone()
+    };
+    let mut half = guided.clone();
+    half.transmittance = Some(Rgb::from_fn(SIZE, SIZE, |x, _| if x < SIZE / 2 { [0.5; 3] } else { [0.0; 3] }));
+    let [own, guided, half] = [own, guided, half].map(|frame| shade(&frame, &light));
+    let mut apart = 0;
+    for i in (0..SIZE * SIZE).filter(|i| own.surfaces.alpha.pixels[*i] > 0.0) {
+        let front = if i % SIZE < SIZE / 2 { &own } else { &guided };
+        assert_eq!(half.prefiltered.pixels[i], front.prefiltered.pixels[i], "pixel {i}");
+        assert_eq!(half.surfaces.brdf.pixels[i], front.surfaces.brdf.pixels[i], "pixel {i}");
+        assert_eq!(half.irradiance.pixels[i], guided.irradiance.pixels[i], "pixel {i}");
+        apart += usize::from(own.prefiltered.pixels[i] != guided.prefiltered.pixels[i]);
+    }
+    assert!(apart > 500, "{apart} pixels");
+}
+
 #[test]
 fn coverage_mixes_with_the_background_and_borrows_at_the_rim() {
     let light = Light::new(sky());

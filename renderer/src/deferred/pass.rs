@@ -68,7 +68,8 @@ impl Pixel {
     }
 }
 
-/// World-space unit normal (turned to the camera) and view direction of a pixel, and their cosine.
+/// World-space unit normal (turned to the camera) and view direction of a pixel, and the cosine of the latter with the normal of
+/// what mirrors.
 struct View {
     n: Vec3A,
     v: Vec3A,
@@ -80,8 +81,9 @@ impl Pass<'_> {
         let width = self.shading.surfaces.depth.width;
         let at = Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
         let v = -self.camera.ray_direction(at);
-        let n = (self.camera.camera_to_world.matrix3 * Vec3A::from_array(self.shading.surfaces.normal.pixels[i])).normalize_or(v);
-        View { n, v, n_dot_v: n.dot(v).max(1e-3) }
+        let (surfaces, turn) = (&self.shading.surfaces, self.camera.camera_to_world.matrix3);
+        let n = (turn * Vec3A::from_array(surfaces.normal.pixels[i])).normalize_or(v);
+        View { n, v, n_dot_v: (turn * surfaces.mirror(i)).normalize_or(v).dot(v).max(1e-3) }
     }
 
     fn material(&self, i: usize, view: &View) -> Material {
@@ -200,7 +202,7 @@ impl Pass<'_> {
         if strength <= 0.0 || pixel.reflected.max_element() < 1e-4 {
             return Vec4::ZERO;
         }
-        let n = surface.normal(i);
+        let n = self.shading.surfaces.mirror(i);
         let towards = surface.points[i].normalize();
         let direction = towards - n * (2.0 * n.dot(towards));
         if n.dot(direction) <= 0.0 {

@@ -293,7 +293,7 @@ fn trace<F: Features>(scene: &RenderScene, plan: &Plan, at: IVec2, start: f32, s
             *ray = Ray::new(right * at.x + down * at.y + away * start, away);
         }
         let mut hits = [None; BLOCK * BLOCK];
-        scene.trace_centres::<F>(&rays, &mut hits, scratch);
+        scene.trace_casters::<F>(&rays, &mut hits, scratch);
         for (i, hit) in hits.iter().enumerate() {
             if let Some(hit) = hit {
                 let (x, y) = place(block, i);

@@ -64,6 +64,7 @@ macro_rules! functions {
 functions! {
     new_device: "oidnNewDevice" (c_int) -> *mut Device;
     set_device_bool: "oidnSetDeviceBool" (*mut Device, *const c_char, bool);
+    set_device_int: "oidnSetDeviceInt" (*mut Device, *const c_char, c_int);
     get_device_int: "oidnGetDeviceInt" (*mut Device, *const c_char) -> c_int;
     commit_device: "oidnCommitDevice" (*mut Device);
     get_device_error: "oidnGetDeviceError" (*mut Device, *mut *const c_char) -> c_int;

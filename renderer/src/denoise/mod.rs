@@ -91,7 +91,7 @@ pub struct Denoiser {
 }
 
 impl Denoiser {
-    /// Opens OIDN on the CPU with default [`Options`].
+    /// Opens OIDN on the CPU with default [`Options`]. It takes as many threads as the rayon pool that this is called in.
     ///
     /// # Errors
     /// [`DenoiseError::NotFound`] where the library is not found; otherwise what OIDN reports.
@@ -188,5 +188,25 @@ mod tests {
         let (bounded, above) = bounded(&picture, 0.0, MAX_RADIANCE);
         assert_eq!(bounded.pixels, [[0.0, 0.0, MAX_RADIANCE], [MAX_RADIANCE, 2.0, MAX_RADIANCE]]);
         assert_eq!(above, 2);
+    }
+
+    /// OIDN has no more threads than the program. Its pictures do not depend on them.
+    #[test]
+    fn oidn_takes_the_threads_of_the_pool() {
+        let picture = Rgb::from_fn(96, 64, |x, y| [((x * y) % 7) as f32, 0.5, ((x + 3 * y) % 5) as f32]);
+        let with = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            let mut denoiser = pool.install(Denoiser::new)?;
+            Ok::<_, DenoiseError>((denoiser.filter.threads(), denoiser.denoise(&picture, None, None)?))
+        };
+        let (one, expected) = match with(1) {
+            Ok(made) => made,
+            Err(error) => return println!("skipped: {error}"),
+        };
+        assert_eq!(one, 1);
+        let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let (many, same) = with(cores).expect("a picture");
+        assert!((1..=cores as i32).contains(&many), "{many} of {cores}");
+        assert_eq!(same, expected);
     }
 }

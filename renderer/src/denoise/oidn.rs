@@ -3,8 +3,9 @@
 use super::library::{self, Oidn};
 use super::{DenoiseError, Options, Quality};
 use renderflow_frame::image::Rgb;
-use std::ffi::{CStr, c_void};
+use std::ffi::{CStr, c_int, c_void};
 use std::mem::size_of;
+use std::num::NonZero;
 use std::ptr::{self, NonNull};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -71,6 +72,13 @@ impl Filter {
         // Pinned threads would compete with rayon's for the same cores.
         // SAFETY: the device is alive and not committed yet; the name is a C string.
         unsafe { (api.set_device_bool)(device.handle.as_ptr(), c"setAffinity".as_ptr(), false) };
+        // Left alone, OIDN takes a thread for each core, however few the program has.
+        let threads = rayon::current_num_threads();
+        if threads < std::thread::available_parallelism().map_or(1, NonZero::get) {
+            let threads = c_int::try_from(threads).unwrap_or(c_int::MAX);
+            // SAFETY: as above.
+            unsafe { (api.set_device_int)(device.handle.as_ptr(), c"numThreads".as_ptr(), threads) };
+        }
         // SAFETY: the device is alive.
         unsafe { (api.commit_device)(device.handle.as_ptr()) };
         device.check()?;
@@ -80,6 +88,13 @@ impl Filter {
             return Err(DenoiseError::Version(version));
         }
         Ok(Self { device, options, ready: None })
+    }
+
+    /// Number of threads of the device.
+    #[cfg(test)]
+    pub fn threads(&self) -> c_int {
+        // SAFETY: the device is alive and the name is a C string.
+        unsafe { (self.device.api.get_device_int)(self.device.handle.as_ptr(), c"numThreads".as_ptr()) }
     }
 
     /// Values are finite, guides of the picture's size. The pictures are given back once OIDN has them.

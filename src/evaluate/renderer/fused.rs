@@ -102,7 +102,7 @@ impl<'a> Fused<'a> {
             let drawn = self.draw(&record)?;
             Ok(if keyframes {
                 let carried = keyframes::warp(sequence, &self.lit, index, buffer.frame, &shading.image);
-                mixture(&drawn, &carried, exposure)
+                mixture(&drawn, &carried, own.spp, exposure)
             } else {
                 drawn
             })

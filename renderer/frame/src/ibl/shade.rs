@@ -30,6 +30,9 @@ pub struct Surfaces {
     pub albedo: Rgb,
     /// Camera-space unit normal (anti-aliased where guides exist).
     pub normal: Rgb,
+    /// Camera-space unit normal of the surface in the middle of a pixel, where something is seen through it: it is what mirrors,
+    /// while `normal` and `albedo` are of what lies behind. 0 elsewhere; `None` where nothing is seen through any surface.
+    pub front: Option<Rgb>,
     /// (roughness, metallic, specular); pixels with coverage whose centre missed borrow their nearest neighbour's.
     pub material: Rgb,
     /// How much the camera-space unit normal changes across the pixel, along x and along y; 0 where it is not known, and on rough
@@ -50,13 +53,19 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
+    /// Camera-space unit normal of the surface in pixel `i` that mirrors.
+    pub fn mirror(&self, i: usize) -> Vec3A {
+        let front = self.front.as_ref().map_or([0.0; 3], |front| front.pixels[i]);
+        Vec3A::from_array(if front == [0.0; 3] { self.normal.pixels[i] } else { front })
+    }
+
     /// The mean of what the parts of the surface in pixel `i` reflect. `reflect` gets the camera-space unit normal of a part.
     ///
     /// Flat surfaces have one part, and curved ones 4 or 16, where that is much beside the width of their lobes. One wider lobe
     /// instead (Tokuyoshi and Kaplanyan, Improved Geometric Specular Antialiasing, 2019) has long tails, which show lamps where
     /// none is reflected.
     pub fn over_parts(&self, i: usize, mut reflect: impl FnMut(Vec3A) -> Vec3A) -> Vec3A {
-        let normal = Vec3A::from_array(self.normal.pixels[i]);
+        let normal = self.mirror(i);
         let [across, down] = self.bend.pixels[i].map(Vec3A::from_array);
         // Twice the variance of the normal's slope over the pixel, a box filter, against the square of GGX's width.
         let spread = (across.length_squared() + down.length_squared()) / 12.0;
@@ -118,6 +127,7 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
         brdf: Image::filled(width, height, [0.0; 2]),
         albedo: rgb(),
         normal: rgb(),
+        front: frame.transmittance.is_some().then(rgb),
         material: rgb(),
         bend: Image::filled(width, height, [[0.0; 3]; 2]),
         depth: Image::filled(width, height, f32::INFINITY),
@@ -169,6 +179,16 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
     });
     let parts = [&mut out.albedo, &mut out.normal];
     out.edges = edges::part(frame, edges::find(frame), parts, &mut out.brdf);
+    if let (Some(front), Some(share)) = (&mut out.front, &frame.transmittance) {
+        let pixels = front.pixels.par_iter_mut().zip(&mut out.brdf.pixels).with_min_len(row).enumerate();
+        pixels.for_each(|(i, (front, brdf))| {
+            let normal = Vec3A::from_array(frame.normal.pixels[i]).try_normalize();
+            if let Some(normal) = normal.filter(|_| share.pixels[i] != [0.0; 3] && frame.alpha.pixels[i] > 0.0) {
+                *front = normal.to_array();
+                *brdf = brdf_at(camera, (i % row, i / row), normal, out.material.pixels[i]);
+            }
+        });
+    }
     if let (Some(through), Some(direction), Some(share)) = (&mut out.through, &frame.through, &frame.transmittance) {
         let light = through.pixels.par_iter_mut().zip(&mut out.albedo.pixels).with_min_len(row).enumerate();
         light.for_each(|(i, (light, albedo))| {
