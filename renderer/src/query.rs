@@ -247,8 +247,8 @@ impl RenderScene {
         self.trace_packet::<F, CENTRE>(rays, hits, scratch)
     }
 
-    /// As [`Self::trace_centres`], for rays from a light that tell where shadows begin. Clear surfaces that let at least half of the
-    /// light through are not there: windows light their rooms.
+    /// As [`Self::trace_centres`], for rays from a light that tell where shadows begin. Clear surfaces that let at least half of
+    /// the light through are not there: windows light their rooms (docs/measurements/renderer-notes.md, clear-surfaces).
     pub(crate) fn trace_casters<F: Features>(&self, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
         self.trace_centres::<F>(rays, hits, scratch);
         if !self.features().clear {
@@ -256,9 +256,9 @@ impl RenderScene {
         }
         let lit = |hit: &Hit| self.is_lit_through(&self.materials[self.geometry.material(hit)]);
         for (ray, hit) in rays.iter().zip(hits).filter(|(_, hit)| hit.as_ref().is_some_and(lit)) {
-            *hit = self.geometry.closest_where(ray, scratch, |candidate| {
-                self.stops::<CENTRE>(ray, candidate) && !lit(&candidate.hit)
-            });
+            *hit = self
+                .geometry
+                .closest_where(ray, scratch, |candidate| self.stops::<CENTRE>(ray, candidate) && !lit(&candidate.hit));
         }
     }
 

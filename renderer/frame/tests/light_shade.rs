@@ -118,7 +118,8 @@ fn curvature_widens_reflections() {
     assert!(surfaces(&wall, &light.environment).bend.pixels.iter().flatten().flatten().all(|bend| bend.abs() < 1e-6));
 }
 
-/// Clear surfaces mirror along their own normals, whatever lies behind them; its normals, which guides have, take the diffuse light.
+/// Clear surfaces mirror along their own normals, whatever lies behind them. What lies behind is lit along the normals of the
+/// guides.
 #[test]
 fn clear_surfaces_mirror_for_themselves() {
     let light = Light::new(sky());
@@ -126,7 +127,10 @@ fn clear_surfaces_mirror_for_themselves() {
     own.material.pixels.fill([0.3, 0.0, 0.5]);
     let guided = Frame {
         guide_albedo: Some(Rgb { pixels: own.alpha.pixels.iter().map(|alpha| [0.4 * alpha; 3]).collect(), ..own.albedo.clone() }),
-        guide_normal: Some(Rgb { pixels: own.alpha.pixels.iter().map(|alpha| [0.0, *alpha, 0.0]).collect(), ..own.normal.clone() }),
+        guide_normal: Some(Rgb {
+            pixels: own.alpha.pixels.iter().map(|alpha| [0.0, *alpha, 0.0]).collect(),
+            ..own.normal.clone()
+        }),
         ..own.clone()
     };
     let mut half = guided.clone();

@@ -16,10 +16,10 @@ const TOLERANCE: f32 = 0.025;
 /// The difference is taken over so many pixels to each side.
 const REACH: usize = 2;
 
-/// `picture`, made from `spp` samples for each pixel, with a share of `carried`; both are scene-linear and of one size. `exposure`
-/// is the factor to display-linear. The share is that of equal pictures ([`SHARE`], [`NOISY`]) times exp(-d^2 / [`TOLERANCE`]^2),
-/// where d is the root mean square of their difference around the pixel. A pixel that would not be finite stays as it is in
-/// `picture`.
+/// `picture`, made from `spp` samples for each pixel, with a share of `carried`; both are scene-linear and of one size.
+/// `exposure` is the factor to display-linear. The share is that of equal pictures ([`SHARE`], [`NOISY`]) times
+/// exp(-d^2 / [`TOLERANCE`]^2), where d is the root mean square of their difference around the pixel. A pixel that would not be
+/// finite stays as it is in `picture`.
 pub fn mixture(picture: &Rgb, carried: &Rgb, spp: u32, exposure: f32) -> Rgb {
     let equal = SHARE * NOISY as f32 / spp.max(NOISY) as f32;
     let (width, height) = (picture.width, picture.height);

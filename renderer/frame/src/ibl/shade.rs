@@ -177,8 +177,6 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
             brdf[x] = brdf_at(camera, (x, y), n_cam, material[x]);
         }
     });
-    let parts = [&mut out.albedo, &mut out.normal];
-    out.edges = edges::part(frame, edges::find(frame), parts, &mut out.brdf);
     if let (Some(front), Some(share)) = (&mut out.front, &frame.transmittance) {
         let pixels = front.pixels.par_iter_mut().zip(&mut out.brdf.pixels).with_min_len(row).enumerate();
         pixels.for_each(|(i, (front, brdf))| {
@@ -189,6 +187,8 @@ pub fn surfaces(frame: &Frame, environment: &Environment) -> Surfaces {
             }
         });
     }
+    let parts = [&mut out.albedo, &mut out.normal];
+    out.edges = edges::part(frame, edges::find(frame), parts, &mut out.brdf);
     if let (Some(through), Some(direction), Some(share)) = (&mut out.through, &frame.through, &frame.transmittance) {
         let light = through.pixels.par_iter_mut().zip(&mut out.albedo.pixels).with_min_len(row).enumerate();
         light.for_each(|(i, (light, albedo))| {
