@@ -83,7 +83,7 @@ impl Pass<'_> {
         let v = -self.camera.ray_direction(at);
         let (surfaces, turn) = (&self.shading.surfaces, self.camera.camera_to_world.matrix3);
         let n = (turn * Vec3A::from_array(surfaces.normal.pixels[i])).normalize_or(v);
-        View { n, v, n_dot_v: (turn * surfaces.mirror(i)).normalize_or(v).dot(v).max(1e-3) }
+        View { n, v, n_dot_v: (turn * surfaces.front_normal(i)).normalize_or(v).dot(v).max(1e-3) }
     }
 
     fn material(&self, i: usize, view: &View) -> Material {
@@ -202,7 +202,7 @@ impl Pass<'_> {
         if strength <= 0.0 || pixel.reflected.max_element() < 1e-4 {
             return Vec4::ZERO;
         }
-        let n = self.shading.surfaces.mirror(i);
+        let n = self.shading.surfaces.front_normal(i);
         let towards = surface.points[i].normalize();
         let direction = towards - n * (2.0 * n.dot(towards));
         if n.dot(direction) <= 0.0 {

@@ -91,7 +91,8 @@ pub struct Denoiser {
 }
 
 impl Denoiser {
-    /// Opens OIDN on the CPU with default [`Options`]. It takes as many threads as the rayon pool that this is called in.
+    /// Opens OIDN on the CPU with default [`Options`]. It takes no more threads than the rayon pool
+    /// has that this is called in.
     ///
     /// # Errors
     /// [`DenoiseError::NotFound`] where the library is not found; otherwise what OIDN reports.

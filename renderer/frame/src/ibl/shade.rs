@@ -53,8 +53,8 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
-    /// Camera-space unit normal of the surface in pixel `i` that mirrors.
-    pub fn mirror(&self, i: usize) -> Vec3A {
+    /// Camera-space unit normal of what mirrors in pixel `i`: [`Self::front`] where there is one, and [`Self::normal`] elsewhere.
+    pub fn front_normal(&self, i: usize) -> Vec3A {
         let front = self.front.as_ref().map_or([0.0; 3], |front| front.pixels[i]);
         Vec3A::from_array(if front == [0.0; 3] { self.normal.pixels[i] } else { front })
     }
@@ -65,7 +65,7 @@ impl Surfaces {
     /// instead (Tokuyoshi and Kaplanyan, Improved Geometric Specular Antialiasing, 2019) has long tails, which show lamps where
     /// none is reflected.
     pub fn over_parts(&self, i: usize, mut reflect: impl FnMut(Vec3A) -> Vec3A) -> Vec3A {
-        let normal = self.mirror(i);
+        let normal = self.front_normal(i);
         let [across, down] = self.bend.pixels[i].map(Vec3A::from_array);
         // Twice the variance of the normal's slope over the pixel, a box filter, against the square of GGX's width.
         let spread = (across.length_squared() + down.length_squared()) / 12.0;
