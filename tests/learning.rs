@@ -186,12 +186,12 @@ fn sequences_may_be_shown_under_other_lights() {
         let same = &all[i % 3];
         assert_eq!(record.groups(), same.groups());
         assert!(of(record, 0, at::BACKGROUND) == of(same, 0, at::BACKGROUND), "surfaces change");
-        for (from, to) in [(at::TERMS, at::SKY), (at::SKY, at::OPEN), (at::TRUTH, at::COUNT)] {
+        for (from, to) in [(at::TERMS, at::SKY), (at::SKY, at::OPEN), (at::TRUTH, at::RAW_TRUTH), (at::RAW_TRUTH, at::COUNT)] {
             assert!(of(record, from, to) != of(same, from, to), "{i}: {from}..{to} stays");
         }
         // Deferred shading follows the truth from light to light.
         let sum = |from: usize, to: usize| of(record, from, to).iter().map(|&v| f64::from(v)).sum::<f64>();
-        let ratio = sum(at::TERMS, at::SKY) / sum(at::TRUTH, at::COUNT);
+        let ratio = sum(at::TERMS, at::SKY) / sum(at::TRUTH, at::RAW_TRUTH);
         assert!(ratio > 0.5 && ratio < 2.0, "{i}: {ratio}");
     }
     assert_eq!(records(0.0, 1).len(), 3, "sequences with samples have their own light alone");

@@ -304,7 +304,7 @@ def validate(run: Run) -> None:
                 batch = Batch.whole(sequence, frame, variant).to(processes.device)
                 with torch.no_grad():
                     picture = run.average(batch)[:, :height, :width]
-                kept[0] += psnr(picture, batch.truth[:, :height, :width], batch.alpha[:, :height, :width]).item()
+                kept[0] += psnr(picture, batch.raw[:, :height, :width], batch.alpha[:, :height, :width]).item()
                 kept[1] += 1
     flat = processes.sum([value for pair in sums.values() for value in pair])
     means = {name: flat[2 * i] / flat[2 * i + 1] for i, name in enumerate(sums)}

@@ -130,7 +130,7 @@ impl Batch {
 
     /// What the network, its head and the loss read, by name, each with the items first.
     fn arrays<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let Crops { items, width, height, groups, input, pixels, truth } = &self.crops;
+        let Crops { items, width, height, groups, input, pixels, truth, raw } = &self.crops;
         let arrays = PyDict::new(py);
         let add = |name: &str, values: Vec<f32>, shape: &[usize]| {
             let shape = [&[*items, *height, *width], shape].concat();
@@ -141,6 +141,7 @@ impl Batch {
         add("background", of(|pixel| &pixel.background), &[3])?;
         add("tint", of(|pixel| &pixel.tint), &[3])?;
         add("truth", truth.as_flattened().to_vec(), &[3])?;
+        add("raw", raw.as_flattened().to_vec(), &[3])?;
         if groups.deferred {
             add("terms", of(|pixel| pixel.terms.as_flattened()), &[TERMS, 3])?;
         }

@@ -136,7 +136,7 @@ def test_whole_frames_of_any_size_are_those_of_the_program(sequences):
         with torch.no_grad():
             ours = model(batch)[:, :height, :width]
         assert difference(ours[0], theirs) <= TOLERANCE, variant
-        truth, alpha = batch.truth[:, :height, :width], batch.alpha[:, :height, :width]
+        truth, alpha = batch.raw[:, :height, :width], batch.alpha[:, :height, :width]
         assert 5 < psnr(ours, truth, alpha).item() < 60
     with pytest.raises(ValueError, match="cannot be rendered"):
         sequence.whole(frame, "magic")

@@ -105,6 +105,7 @@ impl Demo {
             rendering: renderer::Options { max_bounces: self.trace.max_bounces, allowed: &named, ..networks.rendering(&methods) },
             lpips: &lpips,
             every: 1,
+            raw_truth: false,
             pictures: 17,
             title: format!("RenderFlow: {name}"),
             settings: self.settings(&name, &sequence.loaded, &settings, networks.settings()),

@@ -93,6 +93,7 @@ impl Edit {
             rendering: renderer::Options { max_bounces: self.trace.max_bounces, allowed: &named, ..networks.rendering(&methods) },
             lpips: &lpips,
             every: 1,
+            raw_truth: false,
             pictures: 1,
             title: "RenderFlow: edits in steps".into(),
             settings: self.settings(&edits, &settings, networks.settings()),

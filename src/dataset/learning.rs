@@ -3,6 +3,7 @@
 
 pub mod kept;
 mod relit;
+mod truth;
 
 pub use kept::Kept;
 
@@ -15,11 +16,10 @@ use anyhow::{Context, Result, anyhow, ensure};
 use half::f16;
 use rand::RngExt;
 use rand::seq::SliceRandom;
-use relit::{Lit, Truth};
+use relit::Lit;
 use renderflow_frame::Frame;
 use renderflow_frame::frame::LIGHT_GROUPS;
 use renderflow_frame::ibl;
-use renderflow_frame::image::Rgb;
 use renderflow_frame::reach::Reach;
 use renderflow_frame::warp::{Keyframe, Neighbour};
 use renderflow_model::data::step_rng;
@@ -40,6 +40,7 @@ use std::num::NonZeroU64;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
+use truth::{Shown, Truth};
 
 /// Frames between two keyframes.
 const GAP: usize = 16;
@@ -48,7 +49,8 @@ const GAP: usize = 16;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Recipe {
-    /// Samples for each pixel of the truth, which is denoised where OIDN is found.
+    /// Samples for each pixel of the truth. Squared errors are of what was traced, and the rest of the loss is of OIDN's picture of
+    /// it where OIDN is found.
     pub truth_spp: u32,
     /// How often a path may scatter.
     pub max_bounces: u32,
@@ -75,8 +77,8 @@ pub struct Recipe {
     pub adaptive: f64,
     /// Samples for each pixel of the truth of a bare sequence.
     pub bare_spp: u32,
-    /// The same for its keyframes, if it has any. Their noise is carried to the other frames. A network that learns from noisy
-    /// keyframes trusts clean ones too little.
+    /// The same of keyframes. Their noise is carried to the other frames. A network that learns from noisy keyframes trusts clean
+    /// ones too little.
     pub key_spp: u32,
     /// Share of the sequences of a plan, 0..=1, that are rendered at half the width and height. They take a quarter of the time,
     /// so that a network sees more scenes. Crops that do not fit them are taken from the others.
@@ -263,19 +265,12 @@ impl<'a> Recorded<'a> {
                 let name = &sequence.transforms.files[index];
                 frame.info.check_scene(&loaded.hash, &loaded.files).map_err(|reason| anyhow!("{name}: {reason}"))?;
                 let picture = frame.beauty.with_context(|| format!("{name}: has no beauty"))?;
-                Ok(Truth { picture, traced: None })
+                Ok(Truth { shown: Shown { picture, raw: frame.raw }, traced: None })
             };
             self.maker.records(&loaded, &selected, seed, &truth)
         };
         make().with_context(|| sequence.folder.display().to_string())
     }
-}
-
-/// Checks that `truth` has the size of its frame.
-fn fitting(truth: Truth, frame: &Frame) -> Result<Truth> {
-    let (found, expected) = ([truth.picture.width, truth.picture.height], [frame.width, frame.height]);
-    ensure!(found == expected, "the truth has {found:?} pixels where the scene has {expected:?}");
-    Ok(truth)
 }
 
 /// The deferred picture of the frame at which `scene` stands, if the recipe wants it. `tiles` are those of its earlier frames and
@@ -287,7 +282,7 @@ fn deferred_picture(scene: &RenderScene, gbuffer: &Frame, lit: &Lit, tiles: &mut
 }
 
 /// A record of the G-buffer, its deferred picture if there is one, and its truth.
-fn shaded_record(gbuffer: &Frame, shaded: Option<&Deferred>, truth: &Rgb, lit: &Lit) -> Record<f32> {
+fn shaded_record(gbuffer: &Frame, shaded: Option<&Deferred>, truth: &Shown, lit: &Lit) -> Record<f32> {
     let mut record = if let Some(shaded) = shaded {
         let mut record = Record::of(gbuffer, &shaded.surfaces, lit.exposure);
         record.add_deferred(&shaded.terms, lit.exposure);
@@ -297,7 +292,7 @@ fn shaded_record(gbuffer: &Frame, shaded: Option<&Deferred>, truth: &Rgb, lit: &
         surfaces.join();
         Record::of(gbuffer, &surfaces, lit.exposure)
     };
-    record.add_truth(truth, lit.exposure);
+    record.add_truth(&truth.picture, truth.raw.as_ref(), lit.exposure);
     record
 }
 
@@ -317,6 +312,11 @@ impl<'a> Maker<'a> {
     /// `digest` of the scenes and the recipe, with what else decides the numbers: the denoiser.
     fn content(&self, digest: &str) -> String {
         format!("{digest} {}", if self.denoisers.is_some() { "denoised" } else { "raw" })
+    }
+
+    /// `digest` of the scenes and the recipe, as runs record it: a run that began with OIDN does not go on without it.
+    fn identity(&self, digest: String) -> String {
+        if self.denoisers.is_some() { digest } else { format!("{digest} raw") }
     }
 
     /// Draws the number of frames that the recipe asks for from `between`.
@@ -378,13 +378,13 @@ impl<'a> Maker<'a> {
             scene.reseed(apart);
             let gbuffer = render_gbuffer(&scene, &settings)?;
             scene.reseed(truthful);
-            let truth = fitting(truth(number, &scene)?, &gbuffer)?;
+            let truth = truth(number, &scene)?.fitting(&gbuffer)?;
             for ((lit, records), carried) in lights.iter().zip(&mut records).zip(&mut carried) {
                 let shaded = deferred_picture(&scene, &gbuffer, lit, &mut tiles);
                 let truth = self.truth_under(lit, &truth)?;
                 records.push(shaded_record(&gbuffer, shaded.as_ref(), &truth, lit));
                 let start = kind.keys.then(|| ibl::shade(&gbuffer, &lit.light).image);
-                carried.push(Keyframe { frame: gbuffer.clone(), truth, start });
+                carried.push(Keyframe { frame: gbuffer.clone(), truth: truth.picture, start });
             }
         }
         let adaptive = kind.samples && seed.child("adaptive", 0).rng().random_bool(self.recipe.adaptive);
@@ -402,7 +402,7 @@ impl<'a> Maker<'a> {
             let own = adaptive && samples[0] >= OWN_BUFFER && !kind.keys;
             let gbuffer = if own { trace(&mut scene, samples, 0, true)? } else { render_gbuffer(&scene, &settings)? };
             scene.reseed(truthful);
-            let truth = fitting(truth(number, &scene)?, &gbuffer)?;
+            let truth = truth(number, &scene)?.fitting(&gbuffer)?;
             for ((lit, records), carried) in lights.iter().zip(&mut records).zip(&carried) {
                 let shaded = deferred_picture(&scene, &gbuffer, lit, &mut tiles);
                 let mut record = shaded_record(&gbuffer, shaded.as_ref(), &self.truth_under(lit, &truth)?, lit);
@@ -479,28 +479,6 @@ impl<'a> Maker<'a> {
         Settings { spp, max_bounces: self.recipe.max_bounces, channels, light_groups, ..Settings::default() }
     }
 
-    /// The truth of the frame at which `scene` stands, in a sequence of `seed`. `key` says whether it is a keyframe.
-    fn truth(&self, scene: &RenderScene, seed: Seed, key: bool) -> Result<Truth> {
-        let kind = self.kind(seed);
-        let spp = match kind.samples {
-            true => self.recipe.truth_spp,
-            false if key && kind.keys => self.recipe.key_spp,
-            false => self.recipe.bare_spp,
-        };
-        let groups = self.groups(seed);
-        let mut traced = render(scene, &self.tracing(spp, false, groups), &|_, _| (), self.cancel)?;
-        let raw = traced.raw.take().context("the path tracer made no picture")?;
-        let picture = self.denoised(raw, &traced)?;
-        Ok(Truth { picture, traced: (groups > 0).then_some(traced) })
-    }
-
-    /// `raw` after OIDN with the guides of `traced`, where OIDN is found.
-    fn denoised(&self, raw: Rgb, traced: &Frame) -> Result<Rgb> {
-        let Some([denoiser, _]) = &self.denoisers else { return Ok(raw) };
-        let mut denoiser = denoiser.lock().unwrap_or_else(PoisonError::into_inner);
-        Ok(denoiser.denoise(&raw, traced.guide_albedo.as_ref(), traced.guide_normal.as_ref())?)
-    }
-
     /// The samples for each pixel of each part of frame `number`.
     fn samples(&self, seed: Seed, number: usize) -> [u32; PARTS] {
         self.recipe.samples.unwrap_or_else(|| {
@@ -549,7 +527,7 @@ impl Source for Planned<'_> {
     }
 
     fn identity(&self) -> String {
-        self.digest(&self.maker.recipe)
+        self.maker.identity(self.digest(&self.maker.recipe))
     }
 }
 
@@ -576,7 +554,7 @@ impl Source for Recorded<'_> {
     }
 
     fn identity(&self) -> String {
-        self.digest(&self.maker.recipe)
+        self.maker.identity(self.digest(&self.maker.recipe))
     }
 }
 

@@ -41,6 +41,8 @@ pub struct Options<'a> {
     /// The first two of every `every` frames are evaluated; 1 = all. They are two because changes between frames are measured
     /// too.
     pub every: u32,
+    /// Whether pictures are compared with the truth before it was denoised.
+    pub raw_truth: bool,
     /// Number of frames in each sequence whose pictures are stored.
     pub pictures: usize,
     /// Heading of the report.
@@ -122,6 +124,14 @@ pub fn check(options: &Options, out: &Path) -> Result<()> {
     claim(&about(options), out).map(drop)
 }
 
+/// The truth that a frame holds; with `raw`, as it was before it was denoised.
+fn truth_of(frame: &Frame, raw: bool) -> Result<&Rgb> {
+    let traced = frame.raw.as_ref().filter(|_| raw);
+    let picture = traced.or(frame.beauty.as_ref()).with_context(|| format!("has {NO_BEAUTY}"))?;
+    ensure!(!raw || traced.is_some() || frame.info.denoiser.is_none(), "does not hold its truth before it was denoised");
+    Ok(picture)
+}
+
 /// Checks that the truth of a sequence can be compared, as far as its files and its record show.
 fn ready(test: &TestSequence, every: u32) -> Result<()> {
     for index in chosen(test.sequence.len(), every) {
@@ -162,6 +172,7 @@ fn about(options: &Options) -> About {
     let drawing = [("Euler steps of the paper's network", steps != 1, steps.into()), ("seed of its noise", seed != 0, seed)];
     settings
         .extend(drawing.into_iter().filter(|(_, other, _)| *other).map(|(name, _, value)| (name.to_owned(), value.to_string())));
+    settings.extend(options.raw_truth.then(|| ("truth".to_owned(), "before it was denoised".to_owned())));
     settings.extend(options.settings.iter().cloned());
     About {
         version: VERSION,
@@ -236,7 +247,7 @@ impl Evaluation<'_> {
             cancel.check()?;
             let (number, key) = (sequence.numbers[index], sequence.transforms.keyframes.contains(&index));
             let frame = sequence.frame(index)?;
-            let linear = frame.beauty.as_ref().with_context(|| format!("frame {number} has {NO_BEAUTY}"))?;
+            let linear = truth_of(&frame, options.raw_truth).with_context(|| format!("frame {number}"))?;
             let display = |picture: &Rgb| picture.map(|p| color::display(*p, exposure));
             let truth = display(linear);
             if let (Some(raw), Some(variance)) = (&frame.raw, &frame.variance) {
@@ -399,6 +410,20 @@ mod tests {
         assert_eq!(chosen(numbers.len(), 1), numbers);
         assert_eq!(chosen(numbers.len(), 5), [0, 1, 5, 6, 10, 11]);
         assert_eq!(chosen(numbers.len(), 0), numbers);
+    }
+
+    /// A denoised truth comes as it was traced where that is asked for, and one that was not denoised is itself.
+    #[test]
+    fn truth_comes_denoised_or_raw() {
+        let [clean, noisy] = [0.5, 0.25].map(|v| Rgb::filled(2, 1, [v; 3]));
+        let mut frame = Frame { beauty: Some(clean.clone()), ..Frame::default() };
+        let shown = |frame: &Frame| [false, true].map(|raw| truth_of(frame, raw).ok().cloned());
+        assert_eq!(shown(&frame), [Some(clean.clone()), Some(clean.clone())]);
+        frame.info.denoiser = Some("OIDN".into());
+        assert_eq!(shown(&frame), [Some(clean.clone()), None]);
+        frame.raw = Some(noisy.clone());
+        assert_eq!(shown(&frame), [Some(clean), Some(noisy)]);
+        assert_eq!(shown(&Frame::default()), [None, None]);
     }
 
     #[test]

@@ -267,6 +267,7 @@ impl<'a> Lab<'a> {
             },
             lpips: self.lpips,
             every: ask.every,
+            raw_truth: false,
             pictures: 1,
             title: format!("RenderFlow: {name}"),
             settings: vec![("recipe".into(), recipe)],

@@ -449,6 +449,7 @@ fn editing(lab: &Lab) -> Result<Table> {
         },
         lpips: lab.lpips,
         every: 1,
+        raw_truth: false,
         pictures: 1,
         title: "RenderFlow: edits".into(),
         settings: vec![("recipe".into(), recipe.clone())],

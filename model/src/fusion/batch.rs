@@ -149,7 +149,7 @@ impl Augmentation {
             (0..3).for_each(|c| stored[from + c] = difference(gains[c] * before[self.primaries[c]]));
         };
         turn(at::ALBEDO, [1.0; 3]);
-        let plain = (at::BACKGROUND..at::OPEN).step_by(3).chain([at::TRUTH]);
+        let plain = (at::BACKGROUND..at::OPEN).step_by(3).chain([at::TRUTH, at::RAW_TRUTH]);
         let denoised = (at::DENOISED..at::TRUTH).step_by(3);
         let counted = (at::KEYS..at::DENOISED).step_by(4);
         plain.chain(denoised).chain(counted).for_each(|from| turn(from, self.gains));
@@ -185,8 +185,10 @@ pub struct Batch {
     pub input: Vec<f32>,
     /// Inputs of the head, `[items][height][width]`.
     pub pixels: Vec<PixelInputs>,
-    /// Exposed linear radiance, `[items][height][width]`.
+    /// Exposed linear radiance, `[items][height][width]`; denoised where a denoiser was found.
     pub truth: Vec<[f32; 3]>,
+    /// The same before it was denoised.
+    pub raw: Vec<[f32; 3]>,
 }
 
 impl Batch {
@@ -219,6 +221,7 @@ impl Batch {
             input: join(|part| &part.input),
             pixels: parts.iter().flat_map(|part| part.pixels.iter().copied()).collect(),
             truth: parts.iter().flat_map(|part| part.truth.iter().copied()).collect(),
+            raw: parts.iter().flat_map(|part| part.raw.iter().copied()).collect(),
         })
     }
 
@@ -262,15 +265,19 @@ impl Batch {
         debug_assert!(width.is_multiple_of(MULTIPLE) && height.is_multiple_of(MULTIPLE));
         let channels = selection.groups.channels();
         let mut pixels = vec![PixelInputs::default(); width * height];
-        let mut truth = vec![[0.0; 3]; width * height];
+        let [mut truth, mut raw] = [(); 2].map(|()| vec![[0.0; 3]; width * height]);
         let mut input = vec![0.0; width * height * channels];
         // Two rows of pixels make one row of blocks.
-        let rows =
-            (pixels.par_chunks_mut(2 * width), truth.par_chunks_mut(2 * width), input.par_chunks_mut(2 * width * channels));
-        rows.into_par_iter().enumerate().for_each(|(pair, (pixels, truth, input))| {
-            Arch::new().dispatch(Blocks { record, window, selection, augmentation, pair, pixels, truth, input });
+        let rows = (
+            pixels.par_chunks_mut(2 * width),
+            truth.par_chunks_mut(2 * width),
+            raw.par_chunks_mut(2 * width),
+            input.par_chunks_mut(2 * width * channels),
+        );
+        rows.into_par_iter().enumerate().for_each(|(pair, (pixels, truth, raw, input))| {
+            Arch::new().dispatch(Blocks { record, window, selection, augmentation, pair, pixels, truth, raw, input });
         });
-        Self { items: 1, width, height, groups: selection.groups, input, pixels, truth }
+        Self { items: 1, width, height, groups: selection.groups, input, pixels, truth, raw }
     }
 
     /// The inputs of the head for crop `item`, given the outputs of the network for the whole batch.
@@ -301,6 +308,7 @@ struct Blocks<'a, T> {
     pair: usize,
     pixels: &'a mut [PixelInputs],
     truth: &'a mut [[f32; 3]],
+    raw: &'a mut [[f32; 3]],
     input: &'a mut [f32],
 }
 
@@ -309,7 +317,7 @@ impl<T: Stored> NullaryFnOnce for Blocks<'_, T> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { record, window, selection, augmentation, pair, pixels, truth, input } = self;
+        let Self { record, window, selection, augmentation, pair, pixels, truth, raw, input } = self;
         let Window { x, y, width, height } = window;
         let channels = selection.groups.channels();
         let mut stored = [0.0; at::COUNT];
@@ -326,7 +334,8 @@ impl<T: Stored> NullaryFnOnce for Blocks<'_, T> {
                 augmentation.apply(&mut stored);
             }
             pixels[i] = PixelInputs::new(&stored, selection, record.spread_at(place));
-            truth[i] = [stored[at::TRUTH], stored[at::TRUTH + 1], stored[at::TRUTH + 2]];
+            let three = |from: usize| [stored[from], stored[from + 1], stored[from + 2]];
+            (truth[i], raw[i]) = (three(at::TRUTH), three(at::RAW_TRUTH));
             channels_of(&stored, &pixels[i], selection, &amounts, &mut read);
             let (block, sub) = (column / 2, row * 2 + column % 2);
             let (mut from, mut to) = (0, 4 * channels * block);
@@ -442,6 +451,7 @@ mod tests {
                 assert_eq!(b.others[3][c], gain * a.others[3][from]);
                 assert_eq!(b.denoised.unwrap()[c], gain * a.denoised.unwrap()[from]);
                 assert_eq!(changed.truth[i][c], gain * plain.truth[mirrored][from]);
+                assert_eq!(changed.raw[i][c], gain * plain.raw[mirrored][from]);
             }
         }
     }

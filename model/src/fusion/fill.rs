@@ -231,9 +231,14 @@ impl Record<f32> {
         });
     }
 
-    /// Adds the path-traced radiance, scene-linear.
-    pub fn add_truth(&mut self, truth: &Rgb, exposure: f32) {
-        self.each(|i, out| put(out, at::TRUTH, truth.pixels[i].map(|v| radiance(exposure * v))));
+    /// Adds the path-traced radiance, scene-linear, and the `raw` one before it was denoised, if it was.
+    pub fn add_truth(&mut self, truth: &Rgb, raw: Option<&Rgb>, exposure: f32) {
+        let raw = raw.unwrap_or(truth);
+        self.each(|i, out| {
+            for (at, picture) in [(at::TRUTH, truth), (at::RAW_TRUTH, raw)] {
+                put(out, at, picture.pixels[i].map(|v| radiance(exposure * v)));
+            }
+        });
     }
 
     fn each(&mut self, f: impl Fn(usize, &mut [f32]) + Sync) {

@@ -16,10 +16,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LossWeights {
-    /// Natural logarithm of the mean squared error of each display picture. Results are reported as mean PSNR, in which easy and
-    /// hard pictures have the same weight.
+    /// Natural logarithm of the mean squared error of each display picture, beside the raw truth. Results are reported as mean
+    /// PSNR, in which easy and hard pictures have the same weight.
     pub psnr: f32,
-    /// Squared error of the display picture.
+    /// Squared error of the display picture, beside the raw truth.
     pub display: f32,
     /// Absolute error in the logarithmic curve.
     pub log: f32,
@@ -57,12 +57,25 @@ impl LossWeights {
 pub struct Loss {
     /// The loss that is minimised.
     pub total: f32,
-    /// Mean squared display error: PSNR is `-10 log10` of it.
+    /// Mean squared display error beside the raw truth: PSNR is `-10 log10` of it.
     pub display: f32,
     /// Mean absolute error in the logarithmic curve.
     pub log: f32,
     /// Mean absolute error of differences between neighbouring pixels.
     pub gradient: f32,
+}
+
+/// What a rendered picture is compared with, exposed linear radiance.
+///
+/// The picture with the least mean square to noisy ones is their mean (Lehtinen et al., Noise2Noise, 2018), so squares are of the
+/// raw truth, in which no denoiser has left its errors. Absolute errors and LPIPS lead elsewhere under noise; they are of the
+/// denoised truth.
+#[derive(Clone, Copy, Debug)]
+pub struct Truth<'a> {
+    /// The truth, denoised where a denoiser was found.
+    pub picture: &'a [[f32; 3]],
+    /// The same before it was denoised.
+    pub raw: &'a [[f32; 3]],
 }
 
 /// Display value of an exposed radiance.
@@ -83,7 +96,7 @@ pub fn loss(
     width: usize,
     pixels: &[PixelInputs],
     drawn: &[[f32; 3]],
-    truth: &[[f32; 3]],
+    truth: Truth,
     weights: LossWeights,
 ) -> (Loss, Vec<[f32; 3]>) {
     let covered = |i: usize| pixels[i].alpha > 0.0;
@@ -93,16 +106,18 @@ pub fn loss(
     let below = |i: usize| i / width + 1 < height && covered(i) && covered(i + width);
     let (n, n_right, n_below) = (count(&covered), count(&right), count(&below));
 
-    let error: Vec<[f32; 3]> =
-        drawn.iter().zip(truth).map(|(a, b)| std::array::from_fn(|c| display(a[c]) - display(b[c]))).collect();
+    let errors = |truth: &[[f32; 3]]| -> Vec<[f32; 3]> {
+        drawn.iter().zip(truth).map(|(a, b)| std::array::from_fn(|c| display(a[c]) - display(b[c]))).collect()
+    };
+    let (error, from_raw) = (errors(truth.picture), errors(truth.raw));
     let log_of = |picture: &[[f32; 3]]| {
         let mut values = picture.as_flattened().to_vec();
         log_curves(&mut values);
         values
     };
-    let (of_drawn, of_truth) = (log_of(drawn), log_of(truth));
+    let (of_drawn, of_truth) = (log_of(drawn), log_of(truth.picture));
     let curved = |values: &[f32], i: usize, c: usize| values[3 * i + c];
-    let squares = (0..drawn.len()).filter(|i| covered(*i)).flat_map(|i| error[i]).map(|e| f64::from(e * e)).sum::<f64>();
+    let squares = (0..drawn.len()).filter(|i| covered(*i)).flat_map(|i| from_raw[i]).map(|e| f64::from(e * e)).sum::<f64>();
     let squares = (squares / f64::from(n)) as f32;
     let steepness = weights.display + weights.psnr / (squares + LEAST);
     let mut of_display = vec![[0.0; 3]; drawn.len()];
@@ -111,7 +126,7 @@ pub fn loss(
     for i in (0..drawn.len()).filter(|i| covered(*i)) {
         for c in 0..3 {
             let e = error[i][c];
-            of_display[i][c] += 2.0 * steepness * e / n;
+            of_display[i][c] += 2.0 * steepness * from_raw[i][c] / n;
             let along = curved(&of_drawn, i, c) - curved(&of_truth, i, c);
             sums[0] += f64::from(along.abs()) / f64::from(n);
             slopes[i][c] += weights.log * sign(along) * log_slope(drawn[i][c]) / n;
@@ -185,16 +200,17 @@ mod tests {
             (0..48).map(|_| PixelInputs { alpha: f32::from(u8::from(rng.random_bool(0.8))), ..PixelInputs::default() }).collect();
         let mut picture =
             |most: f32| -> Vec<[f32; 3]> { (0..48).map(|_| [(); 3].map(|()| rng.random_range(0.05..most))).collect() };
-        let (drawn, truth) = (picture(1.4), picture(1.4));
+        let [drawn, truth, raw] = [(); 3].map(|()| picture(1.4));
+        let truth = Truth { picture: &truth, raw: &raw };
         let weights = LossWeights { psnr: 0.05, display: 3.0, log: 0.7, gradient: 0.2, lpips: 0.0 };
-        let (_, slopes) = loss(8, &pixels, &drawn, &truth, weights);
+        let (_, slopes) = loss(8, &pixels, &drawn, truth, weights);
         for i in 0..48 {
             for c in 0..3 {
                 let step = 1e-3;
                 let at = |delta: f32| {
                     let mut moved = drawn.clone();
                     moved[i][c] += delta;
-                    loss(8, &pixels, &moved, &truth, weights).0.total
+                    loss(8, &pixels, &moved, truth, weights).0.total
                 };
                 let expected = (at(step) - at(-step)) / (2.0 * step);
                 let near_a_corner = (drawn[i][c] - 1.0).abs() < 2.0 * step;
@@ -203,11 +219,23 @@ mod tests {
         }
     }
 
+    /// Squares are of the raw truth alone, absolute errors of the denoised one alone.
+    #[test]
+    fn each_term_has_its_truth() {
+        let pixels = vec![PixelInputs { alpha: 1.0, ..PixelInputs::default() }; 16];
+        let (same, other) = (vec![[0.3; 3]; 16], (0..16).map(|i| [0.02 * i as f32; 3]).collect::<Vec<_>>());
+        let of = |picture, raw| loss(4, &pixels, &same, Truth { picture, raw }, LossWeights::default()).0;
+        let (noisy, cleaned) = (of(&same, &other), of(&other, &same));
+        assert!(noisy.display > 0.0 && noisy.log == 0.0 && noisy.gradient == 0.0, "{noisy:?}");
+        assert!(cleaned.display == 0.0 && cleaned.log > 0.0 && cleaned.gradient > 0.0, "{cleaned:?}");
+    }
+
     #[test]
     fn the_truth_has_no_loss() {
         let pixels = vec![PixelInputs { alpha: 1.0, ..PixelInputs::default() }; 16];
         let picture = vec![[0.3, 0.6, 2.0]; 16];
-        let (loss, slopes) = loss(4, &pixels, &picture, &picture, LossWeights::default());
+        let truth = Truth { picture: &picture, raw: &picture };
+        let (loss, slopes) = loss(4, &pixels, &picture, truth, LossWeights::default());
         assert_eq!(loss, Loss::default());
         assert!(slopes.iter().flatten().all(|v| *v == 0.0));
     }

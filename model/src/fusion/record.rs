@@ -62,10 +62,12 @@ pub mod at {
     pub const NEARBY: usize = SAMPLES + 4 * PARTS;
     /// For each denoised picture: radiance of the surface; negative where the picture is darker than the share of the background.
     pub const DENOISED: usize = NEARBY + 4 * NEIGHBOURS;
-    /// True radiance.
+    /// True radiance, denoised where a denoiser was found.
     pub const TRUTH: usize = DENOISED + 3 * PICTURES;
+    /// The same before it was denoised. It is noisy, but it does not share the errors of a denoiser that made inputs, too.
+    pub const RAW_TRUTH: usize = TRUTH + 3;
     /// Number of values per pixel.
-    pub const COUNT: usize = TRUTH + 3;
+    pub const COUNT: usize = RAW_TRUTH + 3;
 }
 
 /// The groups of inputs that are given besides the G-buffer.

@@ -3,7 +3,7 @@
 
 use super::batch::{self, Batch, Tier};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE};
-use super::loss::{Loss, LossWeights, display, loss, perceptual};
+use super::loss::{Loss, LossWeights, Truth, display, loss, perceptual};
 use super::record::{AROUND, PARTS, Record, Selection, at};
 use super::render::{self, Fusion, Header};
 use crate::lpips::{Backbone, Lpips};
@@ -180,8 +180,8 @@ impl Objective for FusionObjective<'_> {
             .map(|(item, tape)| {
                 let picture = batch.picture(item, &fine, &coarse);
                 let range = item * pixels..(item + 1) * pixels;
-                let (drawn, truth) = (&drawn[range.clone()], &batch.truth[range.clone()]);
-                let (loss, mut slopes) = loss(batch.width, picture.pixels, drawn, truth, self.loss);
+                let truth = Truth { picture: &batch.truth[range.clone()], raw: &batch.raw[range.clone()] };
+                let (loss, mut slopes) = loss(batch.width, picture.pixels, &drawn[range.clone()], truth, self.loss);
                 if let Some((_, of_lpips)) = &lpips {
                     // The derivative of the mean over the batch becomes one of this picture's loss, as the other terms are.
                     let weight = self.loss.lpips * batch.items as f32;
@@ -334,13 +334,14 @@ pub fn validate(fusion: &Fusion, records: &[Record<f16>], tiers: &[Tier]) -> Res
     Ok(sums.into_iter().map(|(name, (sum, count))| (name, (sum / f64::from(count)) as f32)).collect())
 }
 
-/// PSNR in dB of the display picture over the covered pixels of a record.
+/// PSNR in dB of the display picture over the covered pixels of a record, beside its truth before that was denoised: noise lowers
+/// all numbers alike, where a denoised truth would favour pictures of the same denoiser.
 pub fn psnr(record: &Record<f16>, drawn: &[[f32; 3]]) -> f64 {
     let (mut sum, mut count) = (0.0_f64, 0u32);
     for (stored, drawn) in record.pixels.chunks_exact(at::COUNT).zip(drawn) {
         if stored[at::ALPHA] > f16::ZERO {
             for c in 0..3 {
-                sum += f64::from(display(drawn[c]) - display(stored[at::TRUTH + c].to_f32())).powi(2);
+                sum += f64::from(display(drawn[c]) - display(stored[at::RAW_TRUTH + c].to_f32())).powi(2);
             }
             count += 3;
         }

@@ -58,7 +58,9 @@ class Batch:
     tint: Tensor
     """Reflectance by which filtered samples are multiplied, (.., 3)."""
     truth: Tensor
-    """True radiance, (.., 3)."""
+    """True radiance, denoised where OIDN was found, (.., 3)."""
+    raw: Tensor
+    """The same before it was denoised, (.., 3)."""
     terms: Tensor | None = None
     """Terms of deferred shading: lights, diffuse sky, reflections, bounced light, (.., 4, 3)."""
     keys: Tensor | None = None

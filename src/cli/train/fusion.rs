@@ -21,8 +21,10 @@ use renderflow_model::train::runner::RunContext;
 use renderflow_model::train::sequences::Crop;
 use std::path::Path;
 
-/// Least samples per pixel of the truth in validation.
-const VALIDATION_SPP: u32 = 128;
+/// Least samples per pixel of the truth in validation, which is compared before it is denoised.
+const VALIDATION_SPP: u32 = 512;
+/// The same of its keyframes, which are denoised.
+const VALIDATION_KEY_SPP: u32 = 128;
 /// Samples per pixel of each part in validation. Each neighbour has as many as the first part.
 const VALIDATION_SAMPLES: [u32; PARTS] = [4, 1, 2, 8];
 /// The kinds of input that the sheets of pictures show.
@@ -46,7 +48,7 @@ impl Learns for Config {
             keyed: if reads(|tier| tier.groups.keys) { 1.0 } else { 0.0 },
             single: 0.0,
             bare_spp: truth_spp,
-            key_spp: truth_spp,
+            key_spp: recipe.key_spp.max(VALIDATION_KEY_SPP),
             small: 0.0,
             relit: 0,
             skip: 0,
@@ -149,6 +151,6 @@ mod tests {
         assert_eq!(shares(&recipe(&["deferred"])), [1.0, 0.0]);
         let keyed = recipe(&["deferred", "deferred+keys"]);
         assert_eq!(shares(&keyed), [1.0, 1.0]);
-        assert_eq!([keyed.truth_spp, keyed.bare_spp, keyed.key_spp], [VALIDATION_SPP; 3]);
+        assert_eq!([keyed.truth_spp, keyed.bare_spp, keyed.key_spp], [VALIDATION_SPP, VALIDATION_SPP, VALIDATION_KEY_SPP]);
     }
 }

@@ -2,12 +2,9 @@
 //! truth under many environments: those that differ from its own by a factor for each group. Everything else is cheap: it is
 //! shaded anew.
 
-use super::Maker;
-use anyhow::{Context, Result};
 use rand::RngExt;
+use renderflow_frame::Light;
 use renderflow_frame::frame::LIGHT_GROUPS;
-use renderflow_frame::image::Rgb;
-use renderflow_frame::{Frame, Light};
 use renderflow_renderer::deferred::{self, Lighting};
 use renderflow_renderer::{LightGroups, RenderScene};
 use renderflow_scenes::seed::Seed;
@@ -26,7 +23,7 @@ pub(super) struct Lit {
     /// Factor from scene radiance to display-linear.
     pub exposure: f32,
     /// Factors of the groups of light; `None` for the scene's own light.
-    factors: Option<Vec<[f32; 3]>>,
+    pub factors: Option<Vec<[f32; 3]>>,
 }
 
 impl Lit {
@@ -53,29 +50,5 @@ impl Lit {
             factors[groups.emitters()] = [1.0; 3];
         }
         Self::new(Arc::new(Light::new(groups.weighed(scene.environment(), &factors))), Some(factors), deferred)
-    }
-}
-
-/// The truth of a frame.
-pub(super) struct Truth {
-    /// Under the scene's own light.
-    pub picture: Rgb,
-    /// What was traced, by groups of light; `None` where no other light is asked for.
-    pub traced: Option<Frame>,
-}
-
-impl Maker<'_> {
-    /// The truth under `lit`.
-    pub(super) fn truth_under(&self, lit: &Lit, truth: &Truth) -> Result<Rgb> {
-        let Some(factors) = &lit.factors else { return Ok(truth.picture.clone()) };
-        let traced = truth.traced.as_ref().context("the truth was not traced by groups of light")?;
-        let mut sum = Rgb { pixels: vec![[0.0; 3]; truth.picture.pixels.len()], ..truth.picture };
-        for (light, factors) in traced.light.iter().zip(factors) {
-            let light = light.as_ref().context("a group of light is missing")?;
-            for (sum, light) in sum.pixels.iter_mut().zip(&light.pixels) {
-                (0..3).for_each(|c| sum[c] += factors[c] * light[c]);
-            }
-        }
-        self.denoised(sum, traced)
     }
 }
