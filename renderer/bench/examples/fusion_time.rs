@@ -6,7 +6,7 @@ use burn::tensor::Device;
 use rand::RngExt;
 use renderflow_model::data::step_rng;
 use renderflow_model::fusion::batch::{Batch, TIERS};
-use renderflow_model::fusion::loss::{LossWeights, loss};
+use renderflow_model::fusion::loss::{LossWeights, Truth, loss};
 use renderflow_model::fusion::record::{NEIGHBOURS, PARTS, PICTURES, Record, Selection, at};
 use renderflow_model::fusion::training::FusionObjective;
 use renderflow_model::fusion::{Fusion, FusionConfig, FusionNet, head};
@@ -97,7 +97,8 @@ fn head_alone(batch: &Batch) {
     for item in 0..batch.items {
         let picture = batch.picture(item, &fine, &coarse);
         let (drawn, tape) = picture.draw();
-        let truth = &batch.truth[item * pixels..(item + 1) * pixels];
+        let range = item * pixels..(item + 1) * pixels;
+        let truth = Truth { picture: &batch.truth[range.clone()], raw: &batch.raw[range] };
         let (_, slopes) = loss(batch.width, picture.pixels, &drawn, truth, LossWeights::default());
         picture.backward(&tape, &slopes);
     }
