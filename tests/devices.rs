@@ -93,7 +93,7 @@ fn commands<'a>(folder: &'a Path, plan: &'a Path, data: &'a Path, picture: &'a P
         &*Box::leak(path.to_str().unwrap().to_owned().into_boxed_str())
     };
     let crops = serde_json::json!([{ "size": 64, "batch": 2, "from": 0.0 }]);
-    let recipe = serde_json::json!({ "truth_spp": 2, "bare_spp": 2, "frames": 1, "samples": [1, 1, 1, 1] });
+    let recipe = serde_json::json!({ "truth_spp": 2, "bare_spp": 2, "key_spp": 2, "frames": 1, "samples": [1, 1, 1, 1] });
     let run = |network: &str| {
         let training =
             serde_json::json!({ "steps": 4, "first": 1, "window": 1, "crops": crops, "products": "f32", "log_steps": 1 });

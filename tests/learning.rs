@@ -49,6 +49,12 @@ fn sequences_are_bare_or_full_small_or_large_and_may_be_passed_over() {
     let same: Vec<bool> = keyed.iter().zip(&records(1, 1.0, 0)).map(|(keyed, bare)| truth(keyed) == truth(bare)).collect();
     assert_eq!(same, [false, false, true]);
 
+    // Keyframes of sequences with samples have their own number, too.
+    let more = Recipe { key_spp: 8, ..quick.clone() };
+    let more = Planned::new(&plan, [0, 3], more, &cancel).records(1).unwrap();
+    let same: Vec<bool> = more.iter().zip(&records(1, 0.0, 0)).map(|(more, full)| truth(more) == truth(full)).collect();
+    assert_eq!(same, [false, false, true]);
+
     // A single one has samples of its own frames alone, and its keyframes are left out. Nothing else about its frames changes.
     let single = Recipe { single: 1.0, ..quick.clone() };
     let single = Planned::new(&plan, [0, 3], single, &cancel).records(1).unwrap();

@@ -30,8 +30,8 @@ fn scores(results: &str) -> Vec<Score> {
     scores.map(|score| Score { seconds: None, ..score }).collect()
 }
 
-/// The truth is kept as it was traced beside what OIDN makes of it, under every light. On average both are as bright, and the former
-/// changes more from pixel to pixel.
+/// The truth is kept as it was traced beside what OIDN makes of it, under every light. On average both are as bright, and the
+/// former changes more from pixel to pixel.
 #[test]
 fn truth_is_kept_as_it_was_traced_too() {
     let folder = tempfile::tempdir().unwrap();

@@ -46,6 +46,7 @@ fn toy(seed: u64) -> Record<f32> {
             let light = 0.5 + 0.3 * (wave * (x + y)).sin() + 0.05 * c as f32;
             let truth = light * tint([albedo; 3], out)[c];
             (out[at::ALBEDO + c], out[at::TRUTH + c]) = (albedo, truth);
+            out[at::RAW_TRUTH + c] = truth;
             (out[at::NORMAL + c], out[at::BACKGROUND + c]) = (0.57, 0.2);
             out[at::TERMS + c] = 0.6 * truth;
             for k in 0..KEYS {

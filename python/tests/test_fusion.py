@@ -34,7 +34,7 @@ def kept(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("kept")
     training = json.loads((SCRIPT.parent / "keep_sequences.json").read_text())
     training["training"]["steps"] = 2
-    training["recipe"] = {"truth_spp": 8, "frames": 1}
+    training["recipe"] = {"truth_spp": 8, "key_spp": 8, "frames": 1}
     (folder / "make.json").write_text(json.dumps(training))
     plan = folder / "plan.json"
     command("dataset", "plan", "--seed", "5", "--sequences", "4", "--frames", "18", "--resolution", "64", "--out", plan)

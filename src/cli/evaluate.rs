@@ -91,8 +91,8 @@ struct Pictures {
     /// Evaluate the first two of every n frames; 1 evaluates all
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), conflicts_with = "pictures", help_heading = "Input")]
     every: u32,
-    /// Compare with the truth before it was denoised. It is noisy, which lowers all rows alike. A denoised truth favours rows that
-    /// use the same denoiser: by .3 dB where the truth has 64 samples
+    /// Compare with the truth before it was denoised. Its noise lowers every row, and better rows by more dB. A denoised truth
+    /// favours pictures of the same denoiser
     #[arg(long, conflicts_with = "pictures", help_heading = "Input")]
     raw_truth: bool,
     /// How often a path may scatter in path-traced rows

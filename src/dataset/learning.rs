@@ -49,8 +49,8 @@ const GAP: usize = 16;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Recipe {
-    /// Samples for each pixel of the truth. Squared errors are of what was traced, and the rest of the loss is of OIDN's picture of
-    /// it where OIDN is found.
+    /// Samples for each pixel of the truth. Squared errors are of what was traced. The rest of the loss is of OIDN's picture of
+    /// it, where OIDN is found.
     pub truth_spp: u32,
     /// How often a path may scatter.
     pub max_bounces: u32,
@@ -265,6 +265,7 @@ impl<'a> Recorded<'a> {
                 let name = &sequence.transforms.files[index];
                 frame.info.check_scene(&loaded.hash, &loaded.files).map_err(|reason| anyhow!("{name}: {reason}"))?;
                 let picture = frame.beauty.with_context(|| format!("{name}: has no beauty"))?;
+                // Compact frames hold no raw picture. Squared errors are then of the denoised one.
                 Ok(Truth { shown: Shown { picture, raw: frame.raw }, traced: None })
             };
             self.maker.records(&loaded, &selected, seed, &truth)
@@ -312,11 +313,6 @@ impl<'a> Maker<'a> {
     /// `digest` of the scenes and the recipe, with what else decides the numbers: the denoiser.
     fn content(&self, digest: &str) -> String {
         format!("{digest} {}", if self.denoisers.is_some() { "denoised" } else { "raw" })
-    }
-
-    /// `digest` of the scenes and the recipe, as runs record it: a run that began with OIDN does not go on without it.
-    fn identity(&self, digest: String) -> String {
-        if self.denoisers.is_some() { digest } else { format!("{digest} raw") }
     }
 
     /// Draws the number of frames that the recipe asks for from `between`.
@@ -527,7 +523,7 @@ impl Source for Planned<'_> {
     }
 
     fn identity(&self) -> String {
-        self.maker.identity(self.digest(&self.maker.recipe))
+        self.maker.content(&self.digest(&self.maker.recipe))
     }
 }
 
@@ -554,7 +550,7 @@ impl Source for Recorded<'_> {
     }
 
     fn identity(&self) -> String {
-        self.maker.identity(self.digest(&self.maker.recipe))
+        self.maker.content(&self.digest(&self.maker.recipe))
     }
 }
 

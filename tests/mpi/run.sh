@@ -79,7 +79,7 @@ PYTHON
 }
 small='training["network"]["widths"] = [16, 16, 16, 16]; training["crops"] = [dict(size=32, batch=8, **{"from": 0.0})]
 training.update(steps=120, first=2, rotate_steps=40, window=3, checkpoint_steps=20, log_steps=5, warmup_steps=10, products="f32")
-recipe.update(truth_spp=4, frames=1); run["validation"] = 1'
+recipe.update(truth_spp=4, key_spp=4, frames=1); run["validation"] = 1'
 configure run "$small"
 configure half "$small; training['gradients'] = 'f16'"
 
@@ -123,7 +123,7 @@ PYTHON
 if [ -n "${SCALE-}" ]; then
     unset OMPI_MCA_btl OMPI_MCA_btl_tcp_if_include
     cores=$(nproc)
-    large='training["crops"] = [dict(size=96, batch=8, **{"from": 0.0})]; recipe.update(truth_spp=4, frames=1); run["validation"] = 0
+    large='training["crops"] = [dict(size=96, batch=8, **{"from": 0.0})]; recipe.update(truth_spp=4, key_spp=4, frames=1); run["validation"] = 0
 training.update(steps=40, first=2, rotate_steps=1000, window=2, checkpoint_steps=1000, log_steps=20)'
     large_plan() { "$program" dataset plan --seed 5 --sequences 2 --frames 4 --resolution 128 --spp 4 --denoise none --out "$site/plan.json" --overwrite; }
     large_plan >/dev/null 2>&1 || { rm "$site/plan.json" && large_plan >/dev/null; }

@@ -249,7 +249,7 @@ mkdir -p "$site/training"
 cat >"$site/training/run.json" <<CONFIG
 {"network": "fusion", "training": {"network": {"widths": [16, 16, 16, 16]}, "crops": [{"size": 32, "batch": 8, "from": 0.0}],
 "steps": 800, "first": 2, "rotate_steps": 100, "window": 3, "checkpoint_steps": 1000, "log_steps": 5, "products": "f32"},
-"recipe": {"truth_spp": 4, "frames": 1}, "validation": 1}
+"recipe": {"truth_spp": 4, "key_spp": 4, "frames": 1}, "validation": 1}
 CONFIG
 # train NAME: what follows `train` on the command line.
 train() { echo --config "$site/training/run.json" --plan "$site/training/plan.json" --keep "$site/training/kept" -o "$site/training/$1"; }

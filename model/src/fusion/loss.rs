@@ -16,10 +16,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LossWeights {
-    /// Natural logarithm of the mean squared error of each display picture, beside the raw truth. Results are reported as mean
+    /// Natural logarithm of the mean squared error of each display picture against the raw truth. Results are reported as mean
     /// PSNR, in which easy and hard pictures have the same weight.
     pub psnr: f32,
-    /// Squared error of the display picture, beside the raw truth.
+    /// Squared error of the display picture against the raw truth.
     pub display: f32,
     /// Absolute error in the logarithmic curve.
     pub log: f32,
@@ -57,7 +57,7 @@ impl LossWeights {
 pub struct Loss {
     /// The loss that is minimised.
     pub total: f32,
-    /// Mean squared display error beside the raw truth: PSNR is `-10 log10` of it.
+    /// Mean squared display error against the raw truth: PSNR is `-10 log10` of it.
     pub display: f32,
     /// Mean absolute error in the logarithmic curve.
     pub log: f32,
@@ -68,8 +68,9 @@ pub struct Loss {
 /// What a rendered picture is compared with, exposed linear radiance.
 ///
 /// The picture with the least mean square to noisy ones is their mean (Lehtinen et al., Noise2Noise, 2018), so squares are of the
-/// raw truth, in which no denoiser has left its errors. Absolute errors and LPIPS lead elsewhere under noise; they are of the
-/// denoised truth.
+/// raw truth, in which no denoiser has left its errors. The display curve bends, so the mean of noisy display values is a little
+/// too dark; more samples make this smaller. Absolute errors and LPIPS lead elsewhere under noise, so they are of the denoised
+/// truth.
 #[derive(Clone, Copy, Debug)]
 pub struct Truth<'a> {
     /// The truth, denoised where a denoiser was found.

@@ -334,8 +334,8 @@ pub fn validate(fusion: &Fusion, records: &[Record<f16>], tiers: &[Tier]) -> Res
     Ok(sums.into_iter().map(|(name, (sum, count))| (name, (sum / f64::from(count)) as f32)).collect())
 }
 
-/// PSNR in dB of the display picture over the covered pixels of a record, beside its truth before that was denoised: noise lowers
-/// all numbers alike, where a denoised truth would favour pictures of the same denoiser.
+/// PSNR in dB of the display picture over the covered pixels of a record, against its truth before that was denoised. Noise
+/// lowers all numbers, but a denoised truth would favour pictures of the same denoiser.
 pub fn psnr(record: &Record<f16>, drawn: &[[f32; 3]]) -> f64 {
     let (mut sum, mut count) = (0.0_f64, 0u32);
     for (stored, drawn) in record.pixels.chunks_exact(at::COUNT).zip(drawn) {

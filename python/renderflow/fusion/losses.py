@@ -19,9 +19,9 @@ class LossWeights(NamedTuple):
     """Weights of the terms of the loss."""
 
     psnr: float = 0.01
-    """Natural logarithm of the mean squared error of each display picture, beside the raw truth."""
+    """Natural logarithm of the mean squared error of each display picture against the raw truth."""
     display: float = 0.0
-    """Squared error of the display picture, beside the raw truth."""
+    """Squared error of the display picture against the raw truth."""
     log: float = 0.1
     """Absolute error in the logarithmic curve."""
     gradient: float = 0.05
@@ -35,7 +35,7 @@ class Loss:
     total: Tensor
     """What is minimised: the mean over the items of a batch."""
     display: Tensor
-    """Mean squared error of display values beside the raw truth; PSNR is -10 log10 of it."""
+    """Mean squared error of display values against the raw truth; PSNR is -10 log10 of it."""
     log: Tensor
     """Mean absolute error in the logarithmic curve."""
     gradient: Tensor
@@ -54,7 +54,7 @@ def display(linear: Tensor) -> Tensor:
 def loss(picture: Tensor, batch: Batch, weights: LossWeights = LossWeights()) -> Loss:
     """The loss of pictures (items, height, width, 3) that were rendered from ``batch``."""
     covered = batch.alpha > 0
-    # Squares lead to the mean of noisy pictures, and the raw truth is right on average.
+    # Squares lead to the mean of noisy pictures. Noise in the raw truth averages out, but for a little darkening by the display curve.
     squares = _mean((display(picture) - display(batch.raw)).square(), covered)
     error = display(picture) - display(batch.truth)
     log = _mean((torch.log1p(8 * picture) - torch.log1p(8 * batch.truth)).abs() / math.log(9), covered)

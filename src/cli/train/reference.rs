@@ -65,7 +65,9 @@ mod tests {
             stored[at::ALPHA] = 0.5;
             stored[at::BACKGROUND..][..3].copy_from_slice(&[0.25; 3]);
             stored[at::SAMPLES..][..4].copy_from_slice(&[0.5, 0.5, 0.5, 0.5]);
-            stored[at::TRUTH..][..3].copy_from_slice(&[0.5; 3]);
+            for truth in [at::TRUTH, at::RAW_TRUTH] {
+                stored[truth..][..3].copy_from_slice(&[0.5; 3]);
+            }
         }
         record.add_denoised(0, &Rgb::filled(16, 16, [0.25; 3]), 2.0);
         let record = record.to_half();
