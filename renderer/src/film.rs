@@ -3,7 +3,7 @@
 mod pixel;
 
 pub use pixel::PixelStatistics;
-pub(crate) use pixel::{FirstHit, GroupStatistics, GuideStatistics, LightStatistics};
+pub(crate) use pixel::{FirstHit, GroupStatistics, GuideStatistics, LightStatistics, PathStatistics};
 
 use crate::compile::RenderScene;
 use crate::error::{Error, Result};
@@ -38,6 +38,9 @@ pub struct Film {
     pub(crate) guides: Vec<GuideStatistics>,
     /// Empty unless light groups were asked for.
     pub(crate) groups: Vec<GroupStatistics>,
+    /// Empty unless [`crate::Channels::paths`] were asked for.
+    #[serde(default)]
+    pub(crate) paths: Vec<PathStatistics>,
     /// Contributions of light paths.
     #[serde(default)]
     light: LightPathSums,
@@ -49,6 +52,8 @@ pub(crate) struct Beauty {
     variance: Option<Rgb>,
     samples: Option<Image<u32>>,
     groups: [Option<Rgb>; LIGHT_GROUPS],
+    /// Indirect and hidden light.
+    paths: Option<[Rgb; 2]>,
     /// Mean number of samples per pixel.
     spp: u32,
     light_paths: bool,
@@ -60,6 +65,7 @@ impl Beauty {
         frame.beauty = Some(self.raw.clone());
         frame.raw = Some(self.raw);
         (frame.variance, frame.samples, frame.light) = (self.variance, self.samples, self.groups);
+        (frame.indirect, frame.hidden) = self.paths.map(|[indirect, hidden]| (indirect, hidden)).unzip();
         (frame.info.spp, frame.info.light_paths) = (self.spp, self.light_paths);
     }
 }
@@ -114,6 +120,7 @@ impl Film {
             pixels: zeroed_vec(count),
             guides: zeroed_vec(count),
             groups: zeroed_vec(if settings.light_groups > 0 { count } else { 0 }),
+            paths: zeroed_vec(if settings.channels.paths { count } else { 0 }),
             light: LightPathSums::default(),
         }
     }
@@ -136,13 +143,16 @@ impl Film {
             return Err(Error::Merge("the film is of another scene, frame or other settings".into()));
         }
         let count = scene.camera().width * scene.camera().height;
-        self.complete(count, if settings.light_groups > 0 { count } else { 0 })
+        if settings.channels.paths && self.paths.is_empty() && count > 0 {
+            return Err(Error::Merge("the film holds no indirect and no hidden light".into()));
+        }
+        self.complete(count, if settings.light_groups > 0 { count } else { 0 }, self.paths.len())
     }
 
     /// Checks the number of pixels, since a film may come from a damaged file.
-    fn complete(&self, pixels: usize, groups: usize) -> Result<()> {
-        let found = (self.pixels.len(), self.guides.len(), self.groups.len());
-        if found == (pixels, pixels, groups) && self.light.is_of(pixels, groups) {
+    fn complete(&self, pixels: usize, groups: usize, paths: usize) -> Result<()> {
+        let found = (self.pixels.len(), self.guides.len(), self.groups.len(), self.paths.len());
+        if found == (pixels, pixels, groups, paths) && (paths == 0 || paths == pixels) && self.light.is_of(pixels, groups) {
             return Ok(());
         }
         Err(Error::Merge(format!("a film holds {} pixels in place of {pixels}", self.pixels.len())))
@@ -162,7 +172,18 @@ impl Film {
             let pixel = |(at, g): (usize, &GroupStatistics)| (g.mean(group) + paths(at)).as_vec3().to_array();
             *light = Some(image(self.groups.par_iter().enumerate().map(pixel).collect()));
         }
+        let paths = settings.channels.paths.then(|| {
+            let positive = |rgb: [f32; 3]| rgb.map(|v| v.max(0.0));
+            let indirect = |(at, sums): (usize, &PathStatistics)| {
+                let of_light = self.of_light(at).as_vec3().to_array();
+                let own = sums.indirect();
+                positive([0, 1, 2].map(|c| own[c] + of_light[c]))
+            };
+            let indirect = self.paths.par_iter().enumerate().map(indirect).collect();
+            [image(indirect), image(self.paths.par_iter().map(|sums| positive(sums.hidden())).collect())]
+        });
         Beauty {
+            paths,
             raw: self.mean(),
             variance,
             samples: self.map.as_ref().map(|_| Image { width: self.width, height: self.height, pixels: self.counts() }),
@@ -174,7 +195,7 @@ impl Film {
 
     /// Frees the memory of everything except the guides.
     pub(crate) fn keep_guides_alone(&mut self) {
-        (self.pixels, self.groups, self.light) = Default::default();
+        (self.pixels, self.groups, self.paths, self.light) = Default::default();
     }
 
     /// Mean radiance of the samples so far; 0 without samples.
@@ -190,8 +211,12 @@ impl Film {
 
     /// Mean radiance of a pixel.
     pub(crate) fn mean_of(&self, at: usize) -> DVec3 {
-        let light = self.light.pixels.get(at).map_or(DVec3::ZERO, |light| light.mean(self.light.samples));
-        self.pixels[at].mean_f64() + light
+        self.pixels[at].mean_f64() + self.of_light(at)
+    }
+
+    /// The part of it that light paths brought.
+    fn of_light(&self, at: usize) -> DVec3 {
+        self.light.pixels.get(at).map_or(DVec3::ZERO, |light| light.mean(self.light.samples))
     }
 
     /// Variance of [`Self::mean_of`].
@@ -233,7 +258,10 @@ impl Film {
         if self.map != other.map {
             return Err(Error::Merge("the other film is of another sample map".into()));
         }
-        other.complete(self.pixels.len(), self.groups.len())?;
+        if self.paths.is_empty() != other.paths.is_empty() {
+            return Err(Error::Merge("only one of the films holds indirect and hidden light".into()));
+        }
+        other.complete(self.pixels.len(), self.groups.len(), self.paths.len())?;
         let mut ranges: Vec<_> = self.ranges.iter().chain(&other.ranges).cloned().collect();
         ranges.sort_by_key(|r| r.start);
         if let Some(pair) = ranges.windows(2).find(|pair| pair[0].end > pair[1].start) {
@@ -250,6 +278,7 @@ impl Film {
         self.pixels.iter_mut().zip(&other.pixels).for_each(|(a, b)| a.merge(b));
         self.guides.iter_mut().zip(&other.guides).for_each(|(a, b)| a.merge(b));
         self.groups.iter_mut().zip(&other.groups).for_each(|(a, b)| a.merge(b));
+        self.paths.iter_mut().zip(&other.paths).for_each(|(a, b)| a.merge(b));
         self.light.merge(&other.light);
         Ok(())
     }

@@ -97,12 +97,13 @@ pub(crate) fn for_tiles<T: Send>(
 /// What one tile has of a picture: a piece of each of its rows, from the top; empty where there is none.
 type Pieces<'a, P> = [&'a mut [P]; TILE];
 
-/// A tile with its pixels in up to three pictures of one size; an empty picture has no pixels.
-pub(crate) struct TilePixels<'a, A, B, C> {
+/// A tile with its pixels in up to four pictures of one size; an empty picture has no pixels.
+pub(crate) struct TilePixels<'a, A, B, C, D> {
     pub tile: Tile,
     pub first: Pieces<'a, A>,
     pub second: Pieces<'a, B>,
     pub third: Pieces<'a, C>,
+    pub fourth: Pieces<'a, D>,
 }
 
 /// Calls `work` on rayon's threads for every tile of pictures of `width x height` pixels (or none), which are filled in place.
@@ -110,11 +111,11 @@ pub(crate) struct TilePixels<'a, A, B, C> {
 ///
 /// # Errors
 /// As [`for_tiles`].
-pub(crate) fn fill_tiles<A: Send, B: Send, C: Send, T: Send>(
+pub(crate) fn fill_tiles<A: Send, B: Send, C: Send, D: Send, T: Send>(
     (width, height): (usize, usize),
-    (mut first, mut second, mut third): (&mut [A], &mut [B], &mut [C]),
+    (mut first, mut second, mut third, mut fourth): (&mut [A], &mut [B], &mut [C], &mut [D]),
     cancel: &AtomicBool,
-    work: impl Fn(TilePixels<'_, A, B, C>) -> T + Sync,
+    work: impl Fn(TilePixels<'_, A, B, C, D>) -> T + Sync,
     mut sum: impl FnMut(T),
 ) -> Result<()> {
     let columns = width.div_ceil(TILE).max(1);
@@ -123,10 +124,11 @@ pub(crate) fn fill_tiles<A: Send, B: Send, C: Send, T: Send>(
         let mut plots = Vec::with_capacity(rows.len() * columns);
         for y in rows.iter().map(|row| row * TILE) {
             let (a, b, c) = (cut(&mut first, width), cut(&mut second, width), cut(&mut third, width));
-            plots.extend(a.into_iter().zip(b).zip(c).enumerate().map(|(column, ((first, second), third))| {
+            let pieces = a.into_iter().zip(b).zip(c).zip(cut(&mut fourth, width));
+            plots.extend(pieces.enumerate().map(|(column, (((first, second), third), fourth))| {
                 let x = column * TILE;
                 let tile = Tile { x, y, width: TILE.min(width - x), height: TILE.min(height - y) };
-                TilePixels { tile, first, second, third }
+                TilePixels { tile, first, second, third, fourth }
             }));
         }
         if let Some(seed) = ORDER.get() {
@@ -183,8 +185,8 @@ mod tests {
         for (width, height) in [(0, 0), (1, 1), (8, 8), (9, 17), (640, 3), (3, 640), (2000, 200)] {
             let (mut first, mut second) = (vec![(0, 0); width * height], vec![0u8; width * height]);
             let fill = || {
-                let work = |plot: TilePixels<'_, (usize, usize), u8, u8>| {
-                    assert!(plot.third.iter().all(|piece| piece.is_empty()));
+                let work = |plot: TilePixels<'_, (usize, usize), u8, u8, u8>| {
+                    assert!(plot.third.iter().chain(&plot.fourth).all(|piece| piece.is_empty()));
                     for (i, at) in plot.tile.pixels().enumerate() {
                         let (column, row) = (i % plot.tile.width, i / plot.tile.width);
                         plot.first[row][column] = at;
@@ -193,7 +195,7 @@ mod tests {
                     plot.tile.width * plot.tile.height
                 };
                 let mut pixels = 0;
-                let pictures = (&mut first[..], &mut second[..], &mut [][..]);
+                let pictures = (&mut first[..], &mut second[..], &mut [][..], &mut [][..]);
                 fill_tiles((width, height), pictures, &AtomicBool::new(false), work, |n| pixels += n).expect("not cancelled");
                 pixels
             };

@@ -66,13 +66,15 @@ pub struct Channels {
     pub guides: bool,
     /// Variance of the beauty.
     pub variance: bool,
+    /// Indirect light, and the light that is hidden from light samples. The network reads both with few samples.
+    pub paths: bool,
 }
 
 impl Channels {
-    /// Every channel.
-    pub const ALL: Self = Self { gbuffer: true, motion: true, guides: true, variance: true };
+    /// Every channel but [`Self::paths`], for which few have a use.
+    pub const ALL: Self = Self { gbuffer: true, motion: true, guides: true, variance: true, paths: false };
     /// The picture and its coverage.
-    pub const BEAUTY: Self = Self { gbuffer: false, motion: false, guides: false, variance: false };
+    pub const BEAUTY: Self = Self { gbuffer: false, motion: false, guides: false, variance: false, paths: false };
 }
 
 impl Default for Channels {

@@ -154,6 +154,8 @@ pub const LAYERS: &[Layer] = &[
     layer!(light 5, "light.5"),
     layer!(light 6, "light.6"),
     layer!(light 7, "light.7"),
+    layer!("indirect", RGB, Half, optional Rgb indirect, "the part of raw that met two surfaces or more"),
+    layer!("hidden", RGB, Half, optional Rgb hidden, "what light samples at the first surface would have added to raw if nothing had hidden their light; not what scattered rays would have found"),
     layer!("albedo", RGB, Half, Rgb albedo, "base colour, linear, 0..1, independent of the view; 0 at a miss"),
     layer!("normal", XYZ, Half, Rgb normal, "shading normal, camera space (+x right, +y up, +z to the viewer), unit length; 0 at a miss"),
     layer!("depth", ["Z"], Float, Scalar depth, "planar depth along -z, metres; +inf at a miss"),

@@ -98,6 +98,7 @@ fn every_layer_keeps_the_precision_it_states() {
         }
         assert!(read.raw.is_none() && read.variance.is_none() && read.samples.is_none() && read.guide_albedo.is_none());
         assert!(read.guide_normal.is_none() && read.light.iter().all(Option::is_none));
+        assert!(read.indirect.is_none() && read.hidden.is_none());
         // What was rounded once stays.
         assert_eq!(decode(&encode(&read).0).unwrap().albedo, read.albedo);
         assert_eq!(decode(&encode(&read).0).unwrap().normal, read.normal);
@@ -190,7 +191,7 @@ fn all_layers_can_be_kept_and_any_loaded_alone() {
     assert!(error.starts_with("frame.rff: no layer is called \"deep\"; there are beauty, alpha,"), "{error}");
 
     let training = header(&encode(&frame).0);
-    assert_eq!(training["left_out"].as_array().unwrap().len(), 14);
+    assert_eq!(training["left_out"].as_array().unwrap().len(), 16);
     let wanted = [
         "beauty",
         "alpha",

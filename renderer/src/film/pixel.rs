@@ -205,6 +205,39 @@ impl LightStatistics {
     }
 }
 
+/// Sums of indirect and of hidden light of one pixel; see [`renderflow_frame::Frame::indirect`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Zeroable)]
+pub(crate) struct PathStatistics {
+    count: u64,
+    indirect: DVec3,
+    hidden: DVec3,
+}
+
+impl PathStatistics {
+    #[inline]
+    pub fn push(&mut self, [indirect, hidden]: [Vec3A; 2]) {
+        self.count += 1;
+        self.indirect += indirect.as_dvec3();
+        self.hidden += hidden.as_dvec3();
+    }
+
+    pub fn merge(&mut self, other: &Self) {
+        self.count += other.count;
+        self.indirect += other.indirect;
+        self.hidden += other.hidden;
+    }
+
+    /// Mean indirect light of the samples, without that of light paths.
+    pub fn indirect(&self) -> [f32; 3] {
+        mean(self.indirect, self.count)
+    }
+
+    /// Mean hidden light.
+    pub fn hidden(&self) -> [f32; 3] {
+        mean(self.hidden, self.count)
+    }
+}
+
 /// Sums of one pixel's light groups.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, Zeroable)]
 pub(crate) struct GroupStatistics {

@@ -6,7 +6,7 @@ use super::tracer::{SHOTS, Shot, Tracer};
 use crate::compile::RenderScene;
 use crate::error::Result;
 use crate::features::{Features, with_features};
-use crate::film::{Film, GroupStatistics, GuideStatistics, PixelStatistics};
+use crate::film::{Film, GroupStatistics, GuideStatistics, PathStatistics, PixelStatistics};
 use crate::integrator::visible::Visible;
 use crate::sampler::Sharing;
 use crate::schedule::{self, Progress, TilePixels};
@@ -139,7 +139,7 @@ fn trace<F: Features>(
     let Work { scene, settings, visible, casters, lights, cancel, .. } = all;
     let (width, height) = (film.width, film.height);
     let branches = settings.branches();
-    let work = |mut plot: TilePixels<'_, PixelStatistics, GuideStatistics, GroupStatistics>| {
+    let work = |mut plot: TilePixels<'_, PixelStatistics, GuideStatistics, GroupStatistics, PathStatistics>| {
         let tile = plot.tile;
         let mut tracer = Tracer::<F>::new(scene, settings, casters, lights);
         let mut samples = 0;
@@ -155,6 +155,9 @@ fn trace<F: Features>(
                 plot.second[row][column].push(sample.first);
                 if let Some(groups) = plot.third[row].get_mut(column) {
                     groups.push(tracer.groups());
+                }
+                if let Some(paths) = plot.fourth[row].get_mut(column) {
+                    paths.push(tracer.paths());
                 }
             }
         };
@@ -182,7 +185,7 @@ fn trace<F: Features>(
         tracer.into_stats()
     };
     let mut stats = Stats::default();
-    let sums = (&mut film.pixels[..], &mut film.guides[..], &mut film.groups[..]);
+    let sums = (&mut film.pixels[..], &mut film.guides[..], &mut film.groups[..], &mut film.paths[..]);
     schedule::fill_tiles((width, height), sums, cancel, work, |tile| stats += tile)?;
     Ok(stats)
 }

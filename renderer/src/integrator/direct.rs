@@ -74,7 +74,14 @@ impl<F: Features> Tracer<'_, F> {
             let ray = if F::CLEAR { surface.spawn_either(light.wi) } else { surface.spawn(light.wi) };
             let (sight, share) = scene.sight_of::<F>(&ray, &light, &mut self.scratch);
             let arriving = match sight {
-                Sight::Hidden => return,
+                Sight::Hidden => {
+                    // What enters a clear body stops at its far wall, which casts no shadow.
+                    let enters = F::CLEAR && surface.ns.dot(light.wi) * surface.ns.dot(wo) < 0.0;
+                    if path.vertex == 1 && !enters {
+                        self.hidden += weighed;
+                    }
+                    return;
+                }
                 Sight::Through => contribution(0.0),
                 Sight::Clear => weighed,
             };

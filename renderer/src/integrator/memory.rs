@@ -3,7 +3,7 @@
 use super::gbuffer;
 use super::light_paths::CausticCasters;
 use crate::compile::RenderScene;
-use crate::film::{GroupStatistics, GuideStatistics, LightStatistics, PixelStatistics};
+use crate::film::{GroupStatistics, GuideStatistics, LightStatistics, PathStatistics, PixelStatistics};
 use crate::schedule;
 use crate::settings::{Budget, Settings};
 use renderflow_frame::frame::LIGHT_GROUPS;
@@ -35,13 +35,15 @@ impl Settings {
         let when = |condition: bool, bytes: usize| if condition { bytes } else { 0 };
         let groups = (self.light_groups as usize).min(LIGHT_GROUPS);
         let sums = size_of::<PixelStatistics>() + when(groups > 0, size_of::<GroupStatistics>());
+        let sums = sums + when(self.channels.paths, size_of::<PathStatistics>());
         let guides = size_of::<GuideStatistics>();
         let light = when(light_paths, size_of::<LightStatistics>() + when(groups > 0, size_of::<GroupStatistics>()));
         // Counts and noise of the pixels, of which adaptive sampling needs some more.
         let spread = when(self.budget != Budget::Uniform, 48);
         let adaptive = when(self.budget != Budget::Uniform, size_of::<u32>());
         // What the film's beauty is, and what camera rays make.
-        let beauty = RGB * (1 + groups) + when(self.channels.variance, RGB) + adaptive;
+        let paths = when(self.channels.paths, 2 * RGB);
+        let beauty = RGB * (1 + groups) + when(self.channels.variance, RGB) + paths + adaptive;
         let wanted = self.channels;
         let centres = NUMBER
             // With what is seen through clear surfaces, which only some scenes have.

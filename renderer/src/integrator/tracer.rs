@@ -62,6 +62,10 @@ pub(super) struct Tracer<'a, F: Features> {
     /// Radiance of the current sample, all and by group.
     radiance: Vec3A,
     groups: [Vec3A; LIGHT_GROUPS],
+    /// The part of the radiance that met two surfaces or more.
+    indirect: Vec3A,
+    /// What light samples at the first surface would have added to the radiance if nothing had hidden them.
+    pub(super) hidden: Vec3A,
     /// See [`Settings::shares`], of the current sample.
     shares: u32,
     /// Cone of a camera ray: what one of the samples of a pixel covers.
@@ -173,6 +177,8 @@ impl<'a, F: Features> Tracer<'a, F> {
             medium: Medium::AIR,
             radiance: Vec3A::ZERO,
             groups: [Vec3A::ZERO; LIGHT_GROUPS],
+            indirect: Vec3A::ZERO,
+            hidden: Vec3A::ZERO,
             shares: settings.shares(0),
             camera_cone: Cone::camera(scene.camera(), settings.camera_shares(0)),
             rays: [Ray::new(Vec3A::ZERO, Vec3A::Z); SHOTS],
@@ -189,6 +195,11 @@ impl<'a, F: Features> Tracer<'a, F> {
     /// Shares of the last sample by light group.
     pub fn groups(&self) -> &[Vec3A; LIGHT_GROUPS] {
         &self.groups
+    }
+
+    /// Indirect light of the last sample, and what hid from it.
+    pub fn paths(&self) -> [Vec3A; 2] {
+        [self.indirect, self.hidden]
     }
 
     pub fn into_stats(self) -> Stats {
@@ -237,6 +248,7 @@ impl<'a, F: Features> Tracer<'a, F> {
             self.shares = shares;
             self.camera_cone = Cone::camera(self.scene.camera(), self.settings.camera_shares(shot.index * self.branches));
         }
+        (self.indirect, self.hidden) = (Vec3A::ZERO, Vec3A::ZERO);
         *(if shot.seen { &mut self.stats.camera_rays } else { &mut self.stats.skipped_rays }) += 1;
         if F::FLAT_ENVIRONMENT && !shot.seen && self.directions.is_none() {
             return Sample { radiance: self.scene.environment_light().radiance(Vec3A::Y), first: None };
@@ -273,11 +285,15 @@ impl<'a, F: Features> Tracer<'a, F> {
                 Some(first)
             }
         };
+        if !self.hidden.is_finite() {
+            self.hidden = Vec3A::ZERO;
+        }
         if self.radiance.is_finite() {
             return Sample { radiance: self.radiance, first };
         }
         self.stats.non_finite_samples += 1;
         self.groups = [Vec3A::ZERO; LIGHT_GROUPS];
+        self.indirect = Vec3A::ZERO;
         Sample { radiance: Vec3A::ZERO, first }
     }
 
@@ -315,7 +331,9 @@ impl<'a, F: Features> Tracer<'a, F> {
                 self.medium = Medium::AIR;
             }
             if let Some((path, surface, wo)) = self.scatter(sampler, part(branch, self.branches), &first, (bsdf, &split), wo) {
+                let before = self.radiance;
                 self.follow(sampler, path, surface, wo);
+                self.indirect += self.radiance - before;
             }
         }
     }

@@ -7,6 +7,7 @@ use crate::compile::RenderScene;
 use crate::integrator;
 use crate::schedule::with_shuffled_tiles;
 use crate::settings::{Budget, Settings};
+use crate::skips::Channels;
 use glam::{Affine3A, Vec3};
 use renderflow_frame::{Environment, Frame};
 use renderflow_scenes::shapes::Shape;
@@ -24,8 +25,9 @@ pub const CHECKS: &[Check] = &[
 
 /// The bits of every channel of a frame.
 pub fn bits(frame: &Frame) -> Vec<u32> {
-    let rgb = [&frame.beauty, &frame.raw, &frame.variance, &frame.guide_albedo, &frame.guide_normal, &frame.irradiance];
-    let shown = rgb.into_iter().chain(&frame.light).flatten().chain([&frame.albedo, &frame.normal, &frame.material]);
+    let lit = [&frame.beauty, &frame.raw, &frame.variance, &frame.indirect, &frame.hidden, &frame.irradiance];
+    let rgb = lit.into_iter().chain([&frame.guide_albedo, &frame.guide_normal]);
+    let shown = rgb.chain(&frame.light).flatten().chain([&frame.albedo, &frame.normal, &frame.material]);
     let flow = [&frame.motion, &frame.motion_prev].into_iter().flatten();
     let numbers = shown.flat_map(|i| i.pixels.as_flattened()).chain(flow.flat_map(|i| i.pixels.as_flattened()));
     let numbers = numbers.chain(&frame.alpha.pixels).chain(&frame.depth.pixels).map(|v| v.to_bits());
@@ -46,17 +48,20 @@ fn scene(width: usize, height: usize) -> Result<RenderScene, String> {
     scenes::compile(parts, environment, scenes::camera([0.0, 2.0, 6.0], [0.0, 0.8, 0.0], 40.0, width, height))
 }
 
+/// Every channel.
+const EVERY: Channels = Channels { paths: true, ..Channels::ALL };
+
 /// Settings whose samples are spread by what the samples before them found, or by the G-buffer.
 fn spread(spp: u32) -> [Settings; 3] {
     let budgets = [Budget::Average, Budget::Detail, Budget::Error { millionths: 20_000 }];
-    budgets.map(|budget| Settings { spp: 4 * spp, budget, ..Settings::default() })
+    budgets.map(|budget| Settings { spp: 4 * spp, budget, channels: EVERY, ..Settings::default() })
 }
 
 /// Renders with every integrator, one after the other.
 fn everything(scene: &RenderScene, spp: u32, ticker: &Ticker<'_>) -> Result<Vec<u32>, String> {
     let mut all = Vec::new();
     for filter in [Filter::Box, Filter::BlackmanHarris] {
-        let settings = Settings { spp, filter, irradiance: filter == Filter::Box, ..Settings::default() };
+        let settings = Settings { spp, filter, irradiance: filter == Filter::Box, channels: EVERY, ..Settings::default() };
         let path = integrator::render(scene, &settings, &|_, _| (), ticker.cancel()).map_err(|e| e.to_string())?;
         all.extend(bits(&path));
         all.extend(bits(&integrator::ibl::render(scene, &settings).map_err(|e| e.to_string())?));
@@ -111,7 +116,7 @@ fn tiles(effort: Effort, ticker: &Ticker<'_>) -> Vec<Outcome> {
     let run = || -> Result<Worst, String> {
         let scene = scene(effort.pick(93, 251), effort.pick(77, 173))?;
         ticker.expect(1 + orders);
-        let settings = Settings { spp: effort.pick(4, 32), irradiance: true, ..Settings::default() };
+        let settings = Settings { spp: effort.pick(4, 32), irradiance: true, channels: EVERY, ..Settings::default() };
         let render = || -> Result<Vec<u32>, String> {
             let mut all = Vec::new();
             for settings in [&[settings][..], &spread(settings.spp)].concat() {

@@ -105,6 +105,8 @@ pub fn check_frame(frame: &Frame) {
         ("beauty", &frame.beauty),
         ("raw", &frame.raw),
         ("variance", &frame.variance),
+        ("indirect", &frame.indirect),
+        ("hidden", &frame.hidden),
         ("guide_albedo", &frame.guide_albedo),
         ("guide_normal", &frame.guide_normal),
         ("irradiance", &frame.irradiance),

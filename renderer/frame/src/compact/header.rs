@@ -76,7 +76,7 @@ pub(super) fn layer_named(name: &str) -> Option<&'static Layer> {
 /// Whether `keep` keeps a layer.
 pub(super) fn kept(layer: &Layer, keep: Keep) -> bool {
     // The distance follows from the depth.
-    let extra = ["raw", "variance", "samples", "guide_albedo", "guide_normal", "distance"];
+    let extra = ["raw", "variance", "samples", "indirect", "hidden", "guide_albedo", "guide_normal", "distance"];
     keep == Keep::All || !(extra.contains(&layer.name) || layer.name.starts_with("light."))
 }
 

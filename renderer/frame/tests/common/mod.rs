@@ -29,6 +29,8 @@ pub fn frame(width: usize, height: usize) -> Frame {
         variance: Some(ramp(1e-7)),
         samples: Some(Image::from_fn(width, height, |x, y| 64 + 4 * (x * y) as u32)),
         light: std::array::from_fn(|group| Some(ramp(1.0 + group as f32))),
+        indirect: Some(ramp(0.9)),
+        hidden: Some(ramp(0.4)),
         albedo: material.clone(),
         normal: Image::from_fn(width, height, |x, _| if hit(x) { [0.6, 0.0, 0.8] } else { [0.0; 3] }),
         depth: Image::from_fn(width, height, |x, y| if hit(x) { 1.0 + (x + 3 * y) as f32 / 7.0 } else { f32::INFINITY }),
