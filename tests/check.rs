@@ -210,7 +210,8 @@ fn textures() {
 fn weights() {
     let folder = folder();
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("model/weights/fusion.safetensors");
-    let values = format!("parameters {}", renderflow_model::fusion::FusionConfig::default().values());
+    let network = renderflow_model::fusion::Fusion::shipped().unwrap();
+    let values = format!("parameters {}", network.header().fusion.values());
     accepted(&shipped, &["weights, network fusion", "tensors 62", &values]);
     let bytes = std::fs::read(shipped).unwrap();
     refused(&file(folder.path(), "cut.safetensors", &bytes[..bytes.len() - 1000]), &["weights: "]);

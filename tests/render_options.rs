@@ -3,6 +3,7 @@
 mod common;
 
 use common::{renderflow, stderr, succeed};
+use renderflow_frame::image::Rgb;
 use renderflow_frame::{Frame, exr, file};
 
 #[test]
@@ -37,6 +38,15 @@ fn light_groups_sum_to_raw_and_irradiance_is_there() {
             assert!((sum - whole).abs() <= 6.0 * 2f32.powi(-11) * whole + 1e-6, "pixel {i}: {sum} of {whole}");
         }
     }
+
+    // What the network reads besides is written when it is asked for, and changes nothing else.
+    let shares = render("shares", &["--indirect"]);
+    assert!(plain.indirect.is_none() && plain.hidden.is_none() && shares.raw == plain.raw);
+    let total = |picture: &Option<Rgb>| picture.as_ref().unwrap().pixels.as_flattened().iter().sum::<f32>();
+    assert!(total(&shares.hidden) > 0.0 && (0.0..total(&shares.raw)).contains(&total(&shares.indirect)));
+    let again: Vec<String> = common(&path("shares"));
+    let refused = renderflow(&again.iter().map(String::as_str).collect::<Vec<_>>());
+    assert!(stderr(&refused).contains("the indirect light was there, now not there"), "{}", stderr(&refused));
 
     let published = render("published", &["--bsdf", "published"]);
     assert_eq!(published.info.bsdf, "published");
@@ -173,6 +183,14 @@ fn the_network_inside_the_program_cleans_pictures() {
     let name = name.strip_prefix("oidn + ").unwrap_or(&name);
     assert!(name.starts_with("neural ") && name.len() == 23, "{name}");
     assert!(cleaned == read("b"), "the picture depends on the threads");
+    // What the network read of the samples is kept if it is asked for.
+    assert!(cleaned.indirect.is_none() && cleaned.hidden.is_none());
+    let words =
+        ["render", "--seed", "4", "--frames", "1", "--resolution", "50", "--spp", "4", "--denoise", "neural", "--indirect"];
+    succeed(&[&words[..], &["--out", folder.path().join("kept").to_str().unwrap()]].concat());
+    let kept = read("kept");
+    assert!(kept.indirect.is_some() && kept.hidden.is_some());
+    assert!(Frame { indirect: None, hidden: None, ..kept } == cleaned);
     let samples = |frame: &Frame| frame.raw.clone().or(frame.beauty.clone());
     assert_eq!(samples(&cleaned), samples(&raw));
     // The picture comes closer to one of many samples.

@@ -15,7 +15,8 @@ use renderflow_frame::{Camera, Environment, Frame, Light};
 use renderflow_model::device::NetworkDevice;
 use renderflow_model::fusion::batch::TIERS;
 use renderflow_model::fusion::fill::{Nearby, Samples};
-use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, Selection, at, tint};
+use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, PATHS, Selection, at, tint};
+use renderflow_model::fusion::render::Header;
 use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record};
 use renderflow_model::kernels;
@@ -54,6 +55,7 @@ fn toy(seed: u64) -> Record<f32> {
             }
             for part in 0..PARTS {
                 out[at::SAMPLES + 4 * part + c] = light * rng.random_range(0.2..1.8);
+                (0..3).for_each(|k| out[at::PATHS + PATHS * part + 3 * k + c] = light * [0.3, 0.1, 0.5][k]);
             }
             for n in 0..NEIGHBOURS {
                 out[at::NEARBY + 4 * n + c] = light * rng.random_range(0.2..1.8);
@@ -71,6 +73,7 @@ fn toy(seed: u64) -> Record<f32> {
     record.distances = [Some(-4.0), Some(12.0)];
     record.parts = [1; PARTS];
     record.neighbours = [2; NEIGHBOURS];
+    record.paths = true;
     record
 }
 
@@ -275,7 +278,8 @@ fn filled(width: usize, height: usize, value: [f32; 3]) -> Record<f32> {
     let raw = Rgb::filled(width, height, value);
     let background = shaded.surfaces.background.clone();
     let albedo = frame.guide_albedo.clone().unwrap();
-    let samples = Samples { raw: &raw, alpha: &frame.alpha, albedo: &albedo, background: &background, spp: 2, counts: None };
+    let samples =
+        Samples { raw: &raw, alpha: &frame.alpha, albedo: &albedo, background: &background, spp: 2, counts: None, paths: None };
     let mut record = Record::of(&frame, &shaded.surfaces, exposure);
     record.add_deferred(&terms, exposure);
     let key = Keyframe { frame: frame.clone(), truth: raw.clone(), start: Some(shaded.image.clone()) };
@@ -404,7 +408,10 @@ fn one_network_becomes_two() {
 /// Weights of a small network may be the start of a larger one. It gives the same pictures, and all that is added learns.
 #[test]
 fn a_network_grows() {
-    let larger = |plain_widths| FusionConfig { widths: [32, 16, 48, 32], refines: [1, 3, 2, 2], separate: true, plain_widths };
+    let larger = |plain_widths| {
+        let all = FusionConfig::default();
+        FusionConfig { widths: [32, 16, 48, 32], refines: [1, 3, 2, 2], plain_widths, ..all }
+    };
     let traced = toy(3);
     let plain = Record { parts: [0; PARTS], neighbours: [0; NEIGHBOURS], ..traced.clone() };
     for (separate, plain_widths) in [(true, Some(SMALL)), (true, None), (false, Some([16, 32, 16, 48]))] {
@@ -442,6 +449,43 @@ fn a_network_grows() {
             .fold((0, 0), |(zeros, left), (_, v)| (zeros + 1, left + usize::from(*v == 0.0)));
         assert!(zeros > 100 && 4 * left < 3 * zeros, "{name}: {left} of {zeros}");
     }
+}
+
+/// Weights that do not say that they read what samples are made of do not. They may be the start of a network that learns to.
+#[test]
+fn a_network_learns_to_read_what_samples_are_made_of() {
+    let all = FusionConfig { widths: SMALL, ..FusionConfig::default() };
+    let old = FusionConfig { paths: false, ..all.clone() };
+    let described = r#"{"fusion":{"widths":[16,16,16,16]},"steps":3,"seed":1}"#;
+    assert_eq!(serde_json::from_str::<Header>(described).unwrap().fusion, old);
+    let mut rng = Pcg64Mcg::seed_from_u64(5);
+    let untrained = Fusion::untrained(&old, 7).unwrap();
+    let mut parameters = untrained.parameters();
+    parameters.iter_mut().for_each(|parameter| parameter.values.iter_mut().for_each(|v| *v += rng.random_range(-0.1..0.1)));
+    let before = Fusion::with_parameters(untrained.header().clone(), &parameters).unwrap();
+    let (told, untold) = (toy(3), Record { paths: false, ..toy(3) });
+    let larger = before.fitted(&all).unwrap();
+    let picture = before.render(&untold).unwrap();
+    assert!(picture == before.render(&told).unwrap());
+    let same = |other: Vec<[f32; 3]>| {
+        other.as_flattened().iter().zip(picture.as_flattened()).all(|(a, b)| (a - b).abs() < 1e-4 * (1.0 + b.abs()))
+    };
+    assert!([&told, &untold].into_iter().all(|record| same(larger.render(record).unwrap())));
+    assert!(larger.fitted(&old).is_err());
+
+    let folder = tempfile::tempdir().unwrap();
+    let run = |paths| {
+        let name = if paths { "told" } else { "untold" };
+        let network = FusionConfig { paths, ..all.clone() };
+        Config { network, tiers: vec!["rays".into()], ..config(&folder.path().join(name), 4) }
+    };
+    let learned = [true, false].map(|paths| {
+        Fusion::load(&learn_from(&run(paths), Some(&before), &[], &NetworkDevice::cpu(), u64::MAX).weights).unwrap()
+    });
+    let [reads, does_not] = learned.map(|network| {
+        !same(network.render(&told).unwrap()) && { network.render(&told).unwrap() != network.render(&untold).unwrap() }
+    });
+    assert!(reads && !does_not);
 }
 
 /// Number of values in the parameters of a network.

@@ -177,6 +177,8 @@ class Run:
         for name in ("widths", "seed"):
             if stored[name] != getattr(given, name):
                 sys.exit(f"--{name} differs from the run in {self.checkpoint}; choose another output folder")
+        if stored.get("paths", False) != self.model.paths:
+            sys.exit(f"{self.checkpoint}: is of a network that reads other inputs; choose another output folder")
         if stored["world"] != self.processes.world:
             self.processes.say(f"the run had {stored['world']} processes before: from here on its batches are others")
         self.model.load_state_dict(stored["model"])
@@ -193,6 +195,7 @@ class Run:
         state = {
             "widths": given.widths,
             "seed": given.seed,
+            "paths": self.model.paths,
             "world": self.processes.world,
             "model": self.model.state_dict(),
             "average": self.average.state_dict(),

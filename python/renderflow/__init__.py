@@ -210,6 +210,7 @@ def render(
     ``spp`` is the number of samples per pixel, 1 to 2**24. ``denoise`` is "auto" (OIDN where it is found), "oidn", "neural" (the
     network inside the program, for up to 32 samples), or "none". ``distance`` adds the Euclidean distance to the planar depth.
     Other keyword arguments are settings of the renderer, such as ``light_groups``, ``irradiance`` and ``branches``;
+    ``channels={"paths": True}`` adds the layers ``indirect`` and ``hidden``;
     ``budget="average"`` is what plans call ``adaptive``, and ``budget="detail"`` spreads few samples for a denoiser. Raises
     :class:`Error` where the frame takes more memory than there is.
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 class Frame(dict[str, np.ndarray]):
     """The layers of one frame by name, as arrays (height, width) or (height, width, components).
 
-    ``beauty``, ``raw``, ``variance`` and ``light.N`` hold scene-linear radiance; ``alpha`` is coverage. ``albedo``, ``normal``
-    (camera space), ``depth`` (planar, metres, +inf at a miss), ``material`` (roughness, metallic, specular), ``object_id`` and
-    ``material_id`` (uint32, 0 = none) are one sample at the centre of the pixel. ``motion`` and ``motion_prev`` are in pixels, to
-    the next and to the previous frame. ``guide_albedo`` and ``guide_normal`` are filtered over the pixel. A layer that a frame
-    lacks is absent.
+    ``beauty``, ``raw``, ``variance``, ``indirect``, ``hidden`` and ``light.N`` hold scene-linear radiance; ``alpha`` is coverage.
+    ``albedo``, ``normal`` (camera space), ``depth`` (planar, metres, +inf at a miss), ``material`` (roughness, metallic,
+    specular), ``object_id`` and ``material_id`` (uint32, 0 = none) are one sample at the centre of the pixel. ``motion`` and
+    ``motion_prev`` are in pixels, to the next and to the previous frame. ``guide_albedo`` and ``guide_normal`` are filtered over
+    the pixel. A layer that a frame lacks is absent.
     """
 
     info: dict[str, Any]

@@ -11,7 +11,7 @@ use renderflow_model::fusion::batch::{self, Augmentation, TIERS, Window};
 use renderflow_model::fusion::graph::{FusionConfig, MULTIPLE};
 use renderflow_model::fusion::head::{self, KERNEL};
 use renderflow_model::fusion::loss::LossWeights;
-use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PixelInputs, Record, Selection, TERMS};
+use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PATHS, PixelInputs, Record, Selection, TERMS};
 use renderflow_model::fusion::render::Header;
 use renderflow_model::fusion::training::{FusionObjective, gradients, variants};
 use renderflow_model::fusion::{Fusion, batch::Batch as Crops};
@@ -121,9 +121,9 @@ impl Batch {
         self.crops.tier()
     }
 
-    /// Which groups are given: deferred, keys, samples, neighbours, denoised.
+    /// Which groups are given: deferred, keys, samples, neighbours, denoised, paths.
     #[getter]
-    fn groups(&self) -> [bool; 5] {
+    fn groups(&self) -> [bool; 6] {
         let [_, groups @ ..] = self.crops.groups.flags();
         groups
     }
@@ -152,6 +152,9 @@ impl Batch {
         if groups.samples {
             add("own", of(|pixel| &pixel.own), &[4])?;
             add("reflected", of(|pixel| &pixel.reflected), &[3])?;
+        }
+        if groups.paths {
+            add("paths", of(|pixel| &pixel.paths), &[PATHS])?;
         }
         if groups.neighbours {
             add("others", of(|pixel| pixel.others.as_flattened()), &[NEIGHBOURS, 4])?;

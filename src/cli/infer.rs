@@ -412,6 +412,7 @@ impl Work<'_> {
             frame.beauty = Some(linear);
             frame.raw = None;
             frame.variance = None;
+            (frame.indirect, frame.hidden) = (None, None);
             frame.info.denoiser = None;
             frame.info.spp = 0;
             exr::write(&path, &frame)?;

@@ -109,6 +109,9 @@ pub struct Render {
     /// Also write the Euclidean distance
     #[arg(long, help_heading = "Output")]
     distance: bool,
+    /// Also write indirect light (channel indirect) and what light samples would have added without shadows (channel hidden)
+    #[arg(long, help_heading = "Output")]
+    indirect: bool,
     /// Also write the unoccluded irradiance
     #[arg(long, help_heading = "Output")]
     irradiance: bool,
@@ -315,6 +318,9 @@ impl Render {
         }
         let later = settings.denoises_later();
         settings.distance = self.distance;
+        if self.indirect {
+            settings = settings.with_paths();
+        }
         if let Some(map) = self.adaptive.sample_map {
             settings = settings.with_sample_map(map, scene.frames as usize)?;
         }

@@ -286,7 +286,7 @@ impl Average {
         mean.iter_mut().flat_map(|parameter| &mut parameter.values).for_each(|value| *value *= share);
         for (network, file) in networks.iter().zip(&self.files).skip(1) {
             let config = &network.header().fusion;
-            ensure!(*config == first.header().fusion, "{}: is a network of another size than the first", file.display());
+            ensure!(*config == first.header().fusion, "{}: is a network of another configuration than the first", file.display());
             for (mean, added) in mean.iter_mut().zip(network.parameters()) {
                 mean.values.iter_mut().zip(added.values).for_each(|(mean, added)| *mean += share * added);
             }

@@ -9,7 +9,7 @@ use renderflow_frame::tracks::Movement;
 use renderflow_frame::{Camera, Environment, Frame, FrameInfo, warp};
 use renderflow_model::fusion::Record;
 use renderflow_model::fusion::batch::BEFORE;
-use renderflow_model::fusion::fill::{Nearby, Samples, background};
+use renderflow_model::fusion::fill::{Nearby, Paths, Samples, background};
 use renderflow_model::fusion::record::NEIGHBOURS;
 
 /// Samples come from at most this many frames away.
@@ -85,6 +85,8 @@ pub struct Traced {
     pub spp: u32,
     /// Samples of each pixel; all have `spp` if there is none.
     pub counts: Option<Image<u32>>,
+    /// What they are made of, if it was asked for: [`Frame::indirect`], [`Frame::hidden`] and [`Frame::variance`].
+    pub paths: Option<[Rgb; 3]>,
     /// The G-buffer that came with them, if one was asked for.
     pub gbuffer: Option<Box<Frame>>,
     /// Wall seconds of tracing them.
@@ -111,7 +113,8 @@ impl Traced {
         let raw = frame.raw.take().or(frame.beauty.take()).context("a frame has no picture")?;
         let guides = frame.guide_albedo.take().zip(frame.guide_normal.take()).map(|(albedo, normal)| [albedo, normal]);
         let (spp, counts) = (frame.info.spp, frame.samples.take());
-        let mut traced = Self { raw, alpha: frame.alpha, guides, spp, counts, gbuffer: None, seconds: 0.0, carried: None };
+        let paths = paths(&mut frame);
+        let mut traced = Self { raw, alpha: frame.alpha, guides, spp, counts, paths, gbuffer: None, seconds: 0.0, carried: None };
         traced.carry(exposure)?;
         Ok(traced)
     }
@@ -136,7 +139,8 @@ impl Traced {
     /// When they have no guides.
     pub fn samples<'a>(&'a self, background: &'a Rgb) -> Result<Samples<'a>> {
         let [albedo, _] = self.guides.as_ref().context("samples without guides")?;
-        Ok(Samples { raw: &self.raw, alpha: &self.alpha, albedo, background, spp: self.spp, counts: self.counts.as_ref() })
+        let paths = self.paths.as_ref().map(|[indirect, hidden, variance]| Paths { indirect, hidden, variance });
+        Ok(Samples { raw: &self.raw, alpha: &self.alpha, albedo, background, spp: self.spp, counts: self.counts.as_ref(), paths })
     }
 
     /// Samples of pixel `at`.
@@ -148,6 +152,13 @@ impl Traced {
     pub fn preparing(&self) -> f64 {
         self.carried.as_ref().map_or(0.0, |ready| ready.seconds)
     }
+}
+
+/// Takes what the samples of a frame are made of out of it.
+pub fn paths(frame: &mut Frame) -> Option<[Rgb; 3]> {
+    let parts = (frame.indirect.take(), frame.hidden.take(), frame.variance.take());
+    let (Some(indirect), Some(hidden), Some(variance)) = parts else { return None };
+    Some([indirect, hidden, variance])
 }
 
 /// Samples of another frame, to be added to the current frame's.
@@ -304,6 +315,7 @@ mod tests {
             guides: Some([flat([0.5; 3]), flat(normal)]),
             spp,
             counts: None,
+            paths: None,
             gbuffer: None,
             seconds: 0.0,
             carried: None,

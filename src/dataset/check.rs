@@ -235,7 +235,13 @@ pub(super) fn verify_frame(frame: &Frame) -> Result<()> {
             bail!("{}: distance.Z is {}, not that of the planar depth", place(i), distance.pixels[i]);
         }
     }
-    let lights = [("the beauty", &frame.beauty), ("raw", &frame.raw), ("variance", &frame.variance)];
+    let lights = [
+        ("the beauty", &frame.beauty),
+        ("raw", &frame.raw),
+        ("variance", &frame.variance),
+        ("indirect", &frame.indirect),
+        ("hidden", &frame.hidden),
+    ];
     for (name, image) in lights {
         if let Some(image) = image
             && let Some(i) = image.pixels.iter().position(|p| p.iter().any(|v| *v < 0.0))

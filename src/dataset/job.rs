@@ -13,6 +13,7 @@ pub use decide::{Existing, Work};
 use super::around::Neighbours;
 use super::denoise::Denoise;
 use super::plan::is_keyframe;
+use super::shading::TRACED;
 use crate::util::cancel::Cancel;
 use crate::util::machine;
 use crate::util::output;
@@ -55,6 +56,8 @@ pub struct TruthSettings {
     pub shutter: Option<Shutter>,
     /// Whether frames hold the Euclidean distance as well as the depth.
     pub distance: bool,
+    /// Whether frames keep indirect and hidden light.
+    keeps_paths: bool,
     /// Looks at the picture while it is rendered.
     pub watch: Option<Watch>,
     denoiser: Option<Cleaner>,
@@ -90,7 +93,11 @@ impl TruthSettings {
 
     fn of(render: Settings, denoiser: Option<Cleaner>) -> Self {
         let neighbours = Neighbours::Alone;
-        Self { render, sample_map: None, shutter: None, distance: false, watch: None, denoiser, neighbours }
+        let (mut render, keeps_paths) = (render, render.channels.paths);
+        if denoiser.as_ref().is_some_and(Cleaner::reads_paths) {
+            (render.channels.paths, render.channels.variance) = (TRACED.paths, TRACED.variance);
+        }
+        Self { keeps_paths, render, sample_map: None, shutter: None, distance: false, watch: None, denoiser, neighbours }
     }
 
     /// Refuses frames of `scene` that take more memory than is available. `storage` is how they are stored.
@@ -180,6 +187,7 @@ impl TruthSettings {
             frame.beauty = None;
             frame.beauty = Some(denoiser.clean(scene, &frame, None, &self.used(scene)?, cancel)?);
             frame.info.denoiser = self.denoiser_name();
+            self.drop_paths(&mut frame);
             if let (Some(watch), Some(beauty)) = (&self.watch, &frame.beauty) {
                 watch.after("denoised", beauty, scene.exposure())?;
             }

@@ -10,7 +10,7 @@ pub use kept::Kept;
 use crate::dataset::Dataset;
 use crate::dataset::around::{Carried, Neighbours, REACH, Traced, offer, surface};
 use crate::dataset::plan::Plan;
-use crate::dataset::shading::{BUFFERS, OWN_BUFFER};
+use crate::dataset::shading::{BUFFERS, OWN_BUFFER, TRACED};
 use crate::util::cancel::Cancel;
 use anyhow::{Context, Result, anyhow, ensure};
 use half::f16;
@@ -386,7 +386,8 @@ impl<'a> Maker<'a> {
         let adaptive = kind.samples && seed.child("adaptive", 0).rng().random_bool(self.recipe.adaptive);
         let trace = |scene: &mut RenderScene, samples: &[u32; PARTS], part: usize, surfaces: bool| {
             scene.reseed(apart.wrapping_add(part as u64));
-            let settings = self.tracing(samples[part], surfaces, 0);
+            let mut settings = self.tracing(samples[part], surfaces, 0);
+            (settings.channels.paths, settings.channels.variance) = (TRACED.paths, TRACED.variance);
             let budget = if adaptive && settings.spp > 1 { Budget::Detail } else { Budget::Uniform };
             render(scene, &Settings { budget, ..settings }, &|_, _| (), self.cancel)
         };
@@ -469,7 +470,7 @@ impl<'a> Maker<'a> {
         if self.recipe.relit > 0 && self.bare(seed) { LIGHT_GROUPS as u32 } else { 0 }
     }
 
-    /// The settings of a picture.
+    /// The settings of a picture without the channels of [`TRACED`].
     fn tracing(&self, spp: u32, surfaces: bool, light_groups: u32) -> Settings {
         let channels = Channels { guides: true, gbuffer: surfaces, ..Channels::BEAUTY };
         Settings { spp, max_bounces: self.recipe.max_bounces, channels, light_groups, ..Settings::default() }

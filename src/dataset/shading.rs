@@ -14,6 +14,8 @@ use renderflow_scenes::load;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+/// The channels of samples that the network reads besides their guides: what they are made of.
+pub const TRACED: Channels = Channels { variance: true, paths: true, ..Channels::BEAUTY };
 /// The channels of a G-buffer that shading and the networks read.
 pub const BUFFERS: Channels = Channels { motion: false, variance: false, ..Channels::ALL };
 /// Fewest samples on average that are spread by detail, of a frame by itself, whose camera rays make the G-buffer that a network

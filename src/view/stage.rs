@@ -5,7 +5,7 @@ use super::changes::{changed, values, written};
 use super::method::Method;
 use super::state::{Choice, Hello, MaterialValues, Parameter, State, Value, fitting};
 use crate::dataset::job::clean::{denoise, fuse};
-use crate::dataset::shading::BUFFERS;
+use crate::dataset::shading::{BUFFERS, TRACED};
 use crate::util::cancel::Cancel;
 use anyhow::{Context, Result};
 use glam::DVec3;
@@ -282,7 +282,8 @@ impl Stage {
                 let before = self.gbuffer(cancel)?.seconds;
                 let drawing = Instant::now();
                 let spp = self.state.rays;
-                let settings = Settings { spp, channels: GUIDED, ..Settings::default() };
+                let channels = if self.network.header().fusion.paths { TRACED } else { Channels::BEAUTY };
+                let settings = Settings { spp, channels: Channels { guides: true, ..channels }, ..Settings::default() };
                 let samples = render(&self.scene, &settings, &|_, _| (), cancel)?;
                 let buffer = self.gbuffer.as_ref().context("no G-buffer")?;
                 let denoiser = self.denoiser();

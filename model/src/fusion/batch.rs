@@ -22,7 +22,7 @@ use rayon::prelude::*;
 pub struct Tier {
     /// Name in logs.
     pub name: &'static str,
-    /// Groups that are given.
+    /// Groups that are given. What samples are made of is given in most batches, where all records know it.
     pub groups: Groups,
     /// Share of the batches.
     pub weight: f32,
@@ -31,14 +31,13 @@ pub struct Tier {
 impl Tier {
     /// Whether a record has the inputs of this tier, and room for a crop of `size` columns and rows.
     fn takes(&self, record: &Record<f16>, size: usize) -> bool {
-        let given = record.groups().flags().into_iter().zip(self.groups.flags()).all(|(has, wanted)| has || !wanted);
-        given && record.width.min(record.height) >= size
+        self.groups.are_in(record.groups()) && record.width.min(record.height) >= size
     }
 }
 
-const NONE: Groups = Groups { deferred: false, keys: false, samples: false, neighbours: false, denoised: false };
+const NONE: Groups = Groups { deferred: false, keys: false, samples: false, neighbours: false, denoised: false, paths: false };
 const DEFERRED: Groups = Groups { deferred: true, ..NONE };
-const RAYS: Groups = Groups { samples: true, ..NONE };
+const RAYS: Groups = Groups { samples: true, paths: true, ..NONE };
 const DENOISED: Groups = Groups { denoised: true, ..RAYS };
 
 const fn with_keys(groups: Groups) -> Groups {
@@ -82,6 +81,8 @@ pub fn tiers(names: &[String]) -> Result<Vec<Tier>> {
     names.iter().map(find).collect()
 }
 
+/// Share of the batches with samples that tell what the samples are made of, where records know it.
+const TOLD: f64 = 0.85;
 /// Largest change of exposure in stops.
 const STOPS: f32 = 1.0;
 /// Largest further change of the light of each primary in stops.
@@ -150,9 +151,10 @@ impl Augmentation {
         };
         turn(at::ALBEDO, [1.0; 3]);
         let plain = (at::BACKGROUND..at::OPEN).step_by(3).chain([at::TRUTH, at::RAW_TRUTH]);
-        let denoised = (at::DENOISED..at::TRUTH).step_by(3);
+        let denoised = (at::DENOISED..at::PATHS).step_by(3);
+        let paths = (at::PATHS..at::TRUTH).step_by(3);
         let counted = (at::KEYS..at::DENOISED).step_by(4);
-        plain.chain(denoised).chain(counted).for_each(|from| turn(from, self.gains));
+        plain.chain(denoised).chain(paths).chain(counted).for_each(|from| turn(from, self.gains));
     }
 }
 
@@ -197,11 +199,12 @@ impl Batch {
     pub fn draw(records: &[&Record<f16>], tiers: &[Tier], kind: Crop, share: Share, rng: &mut Pcg64Mcg) -> Option<Self> {
         let (size, items) = (kind.size, share.of(kind.batch));
         let tier = &tiers[crate::train::draw_weighted(tiers.iter().map(|tier| tier.weight), rng)];
-        let wanted = tier.groups;
         let fitting: Vec<&Record<f16>> = records.iter().filter(|record| tier.takes(record, size)).copied().collect();
         if fitting.is_empty() {
             return None;
         }
+        let known = tier.groups.paths && fitting.iter().all(|record| record.paths);
+        let wanted = Groups { paths: known && rng.random_bool(TOLD), ..tier.groups };
         let crops: Vec<_> = (0..kind.batch)
             .map(|_| {
                 let (record, window) = draw_window(&fitting, size, rng);
@@ -256,7 +259,10 @@ impl Batch {
 
     /// Name of the tier whose groups are given; "other" if there is none.
     pub fn tier(&self) -> &'static str {
-        TIERS.iter().find(|tier| tier.groups == self.groups).map_or("other", |tier| tier.name)
+        TIERS
+            .iter()
+            .find(|tier| Groups { paths: self.groups.paths, ..tier.groups } == self.groups)
+            .map_or("other", |tier| tier.name)
     }
 
     /// A batch of one crop. Outside the record, its last row and column are repeated.
@@ -407,7 +413,7 @@ fn draw_selection(record: &Record<f16>, groups: Groups, rng: &mut Pcg64Mcg) -> S
 
 #[cfg(test)]
 mod tests {
-    use super::super::record::PICTURES;
+    use super::super::record::{PATHS, PICTURES};
     use super::*;
     use rand::SeedableRng;
 
@@ -424,6 +430,7 @@ mod tests {
         record.parts = [2; PARTS];
         record.neighbours = [2; NEIGHBOURS];
         record.denoised = [true; PICTURES];
+        record.paths = true;
         record
     }
 
@@ -450,6 +457,7 @@ mod tests {
                 assert_eq!(b.keys[1][c], gain * a.keys[1][from]);
                 assert_eq!(b.others[3][c], gain * a.others[3][from]);
                 assert_eq!(b.denoised.unwrap()[c], gain * a.denoised.unwrap()[from]);
+                (0..3).for_each(|k| assert!((b.paths[3 * k + c] - gain * a.paths[3 * k + from]).abs() < 1e-4));
                 assert_eq!(changed.truth[i][c], gain * plain.truth[mirrored][from]);
                 assert_eq!(changed.raw[i][c], gain * plain.raw[mirrored][from]);
             }
@@ -498,8 +506,17 @@ mod tests {
             let mut rng = Pcg64Mcg::seed_from_u64(1);
             let batch =
                 Batch::draw(&[&bare, &record], &[tier], crop(32, 3), Share::WHOLE, &mut rng).expect("a record has everything");
-            assert_eq!((batch.items, batch.pixels.len(), batch.groups), (3, 3 * 1024, tier.groups));
-            assert_eq!(batch.input.len(), 3 * 1024 * tier.groups.channels());
+            let groups = Groups { paths: batch.groups.paths, ..tier.groups };
+            assert_eq!((batch.items, batch.pixels.len(), batch.groups), (3, 3 * 1024, groups));
+            assert_eq!((batch.input.len(), batch.tier()), (3 * 1024 * groups.channels(), tier.name));
+            // Most batches tell what samples are made of.
+            let told = (0..40).filter(|_| {
+                let batch =
+                    Batch::draw(&[&record], &[tier], crop(32, 1), Share::WHOLE, &mut rng).expect("a record has everything");
+                assert_eq!(batch.groups.paths, batch.pixels.iter().any(|pixel| pixel.paths != [0.0; PATHS]));
+                batch.groups.paths
+            });
+            assert!(if tier.groups.samples { (21..40).contains(&told.count()) } else { told.count() == 0 }, "{}", tier.name);
             assert!(batch.pixels.iter().any(|pixel| pixel.own[3] > 0.0) == tier.groups.samples);
             assert!(batch.pixels.iter().any(|pixel| pixel.trust[0].is_finite()) == tier.groups.keys);
             assert!(batch.pixels.iter().all(|pixel| pixel.denoised.is_some()) == tier.groups.denoised);

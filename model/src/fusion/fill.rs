@@ -1,6 +1,8 @@
 //! Fills records with the results of the path tracer, of deferred shading and of the warp.
 
-use super::record::{KEYS, NEIGHBOURS, PARTS, PICTURES, PixelInputs, Record, Selection, Traced, at, difference, radiance, tint};
+use super::record::{
+    KEYS, NEIGHBOURS, PARTS, PATHS, PICTURES, PixelInputs, Record, Selection, Traced, at, difference, radiance, tint,
+};
 use rayon::prelude::*;
 use renderflow_frame::ibl::{Shading, Surfaces};
 use renderflow_frame::image::{Image, Rgb};
@@ -23,6 +25,27 @@ pub struct Samples<'a> {
     pub spp: u32,
     /// Samples of each pixel; all have `spp` if there is none.
     pub counts: Option<&'a Image<u32>>,
+    /// What they are made of, if it is known.
+    pub paths: Option<Paths<'a>>,
+}
+
+/// What samples are made of.
+#[derive(Clone, Copy, Debug)]
+pub struct Paths<'a> {
+    /// [`Frame::indirect`].
+    pub indirect: &'a Rgb,
+    /// [`Frame::hidden`].
+    pub hidden: &'a Rgb,
+    /// [`Frame::variance`].
+    pub variance: &'a Rgb,
+}
+
+impl<'a> Paths<'a> {
+    /// Those of the samples of a path-traced frame, or `None` if it does not have all of them.
+    pub fn of(frame: &'a Frame) -> Option<Self> {
+        let (indirect, hidden, variance) = (frame.indirect.as_ref()?, frame.hidden.as_ref()?, frame.variance.as_ref()?);
+        Some(Self { indirect, hidden, variance })
+    }
 }
 
 /// Samples of another frame, for [`Record::add_neighbours`].
@@ -43,17 +66,19 @@ impl<'a> Samples<'a> {
         let counts = frame.samples.as_ref();
         // The spread of a record is of parts of more than one sample.
         let spp = frame.info.spp.max(if counts.is_some() { 2 } else { 0 });
-        Some(Self { raw, alpha: &frame.alpha, albedo, background, spp, counts })
+        Some(Self { raw, alpha: &frame.alpha, albedo, background, spp, counts, paths: Paths::of(frame) })
+    }
+
+    /// Coverage of pixel `i`, and the reflectance of its samples.
+    fn surface(&self, i: usize, stored: &[f32]) -> Option<(f32, [f32; 3])> {
+        let alpha = finite(self.alpha.pixels[i]).clamp(0.0, 1.0);
+        (alpha > 0.0).then(|| (alpha, tint(self.albedo.pixels[i].map(|v| finite(v / alpha).clamp(0.0, 1.0)), stored)))
     }
 
     /// Radiance of the surface divided by its reflectance, times coverage, and coverage. Radiance is negative where the samples
     /// are darker than the share of the background, which they may not have met. `stored` holds the numbers of the pixel.
     fn at(&self, i: usize, stored: &[f32], exposure: f32) -> [f32; 4] {
-        let alpha = finite(self.alpha.pixels[i]).clamp(0.0, 1.0);
-        if alpha <= 0.0 {
-            return [0.0; 4];
-        }
-        let own = tint(self.albedo.pixels[i].map(|v| finite(v / alpha).clamp(0.0, 1.0)), stored);
+        let Some((alpha, own)) = self.surface(i, stored) else { return [0.0; 4] };
         let there = tint([0, 1, 2].map(|c| stored[at::ALBEDO + c]), stored);
         let over = |c: usize| {
             let surface = self.raw.pixels[i][c] - (1.0 - alpha) * self.background.pixels[i][c];
@@ -61,6 +86,20 @@ impl<'a> Samples<'a> {
             difference(exposure * surface / if surface < 0.0 { there[c] } else { own[c] })
         };
         [over(0), over(1), over(2), alpha]
+    }
+
+    /// The numbers at [`at::PATHS`] of pixel `i`; 0 where they are not known.
+    fn paths_at(&self, i: usize, stored: &[f32], exposure: f32) -> [f32; PATHS] {
+        let Some((paths, (_, own))) = self.paths.zip(self.surface(i, stored)) else { return [0.0; PATHS] };
+        std::array::from_fn(|k| {
+            let c = k % 3;
+            let value = match k / 3 {
+                0 => paths.indirect.pixels[i][c],
+                1 => paths.hidden.pixels[i][c],
+                _ => (paths.variance.pixels[i][c] * self.count(i)).sqrt(),
+            };
+            radiance(exposure * value / own[c])
+        })
     }
 
     /// Samples of pixel `i`.
@@ -157,6 +196,8 @@ impl Record<f32> {
     /// When `part` is not below [`PARTS`].
     pub fn add_part(&mut self, part: usize, samples: &Samples, exposure: f32) {
         assert!(part < PARTS, "part {part} of {PARTS}");
+        let known = self.parts.iter().all(|spp| *spp == 0) || self.paths;
+        self.paths = known && samples.paths.is_some();
         self.parts[part] = samples.spp;
         if let Some(counts) = samples.counts.filter(|_| samples.spp > 1) {
             self.spread = counts.pixels.iter().map(|&count| count as f32 / samples.spp as f32).collect();
@@ -164,6 +205,10 @@ impl Record<f32> {
         self.each(|i, out| {
             let own = samples.at(i, out, exposure);
             out[at::SAMPLES + 4 * part..][..4].copy_from_slice(&own);
+            if samples.paths.is_some() {
+                let paths = samples.paths_at(i, out, exposure);
+                out[at::PATHS + PATHS * part..][..PATHS].copy_from_slice(&paths);
+            }
         });
     }
 
@@ -316,7 +361,8 @@ mod tests {
         let (mut raw, albedo, behind) = (flat(0.0), Rgb::filled(2, 1, [0.5, 0.25, 0.125]), flat(0.0));
         raw.pixels[1] = [0.52, 0.27, 0.145].map(|tint| 6.0 * tint / 4.0);
         let alpha = Image::filled(2, 1, 1.0);
-        let samples = Samples { raw: &raw, alpha: &alpha, albedo: &albedo, background: &behind, spp: 6, counts: None };
+        let samples =
+            Samples { raw: &raw, alpha: &alpha, albedo: &albedo, background: &behind, spp: 6, counts: None, paths: None };
         let source = Image::filled(4, 2, Some(1));
         let shares = [1.0, 1.0 / 3.0, 0.0].map(|share| Image::filled(4, 2, share));
         let given = [None, Some(&shares[0]), Some(&shares[1]), Some(&shares[2])];
@@ -355,7 +401,8 @@ mod tests {
         let behind = Rgb::filled(2, 1, [20.0; 3]);
         let picture = Rgb { width: 2, height: 1, pixels: vec![[1.0, 2.0, 3.0], [20.0, 30.0, 40.0]] };
         let (alpha, albedo) = (Image::filled(2, 1, 0.5), Rgb::filled(2, 1, [0.25; 3]));
-        let samples = Samples { raw: &picture, alpha: &alpha, albedo: &albedo, background: &behind, spp: 4, counts: None };
+        let samples =
+            Samples { raw: &picture, alpha: &alpha, albedo: &albedo, background: &behind, spp: 4, counts: None, paths: None };
         record.add_part(0, &samples, 2.0);
         record.add_denoised(0, &picture, 2.0);
         let all = Selection::all(&record);
@@ -375,6 +422,48 @@ mod tests {
         }
     }
 
+    /// What samples are made of is divided as they are. Parts count by their samples, and one sample does not vary.
+    #[test]
+    fn parts_join_what_their_samples_are_made_of() {
+        let mut record = Record::<f32>::new(2, 1);
+        for stored in record.pixels.chunks_exact_mut(at::COUNT) {
+            stored[at::ALPHA] = 0.5;
+        }
+        let flat = |value: f32| Rgb::filled(2, 1, [value; 3]);
+        let (raw, alpha, albedo, behind) = (flat(1.0), Image::filled(2, 1, 0.5), flat(0.24), flat(0.0));
+        let samples =
+            Samples { raw: &raw, alpha: &alpha, albedo: &albedo, background: &behind, spp: 1, counts: None, paths: None };
+        // The reflectance is .48 + .02. Four samples with a variance of their mean of .25 have one of 1 each.
+        let given = [[0.5, 2.0, 9.0], [0.25, 0.5, 0.25]].map(|given| given.map(flat));
+        for (part, ([indirect, hidden, variance], spp)) in given.iter().zip([1, 4]).enumerate() {
+            let paths = Some(Paths { indirect, hidden, variance });
+            record.add_part(part, &Samples { spp, paths, ..samples }, 2.0);
+        }
+        assert!(record.paths && record.groups().paths);
+        let selection = Selection::all(&record);
+        let pixel = PixelInputs::new(&record.pixels[..at::COUNT], &selection, 1.0);
+        let expected = [(0.5 + 4.0 * 0.25) * 4.0, (2.0 + 4.0 * 0.5) * 4.0, 4.0];
+        for (k, value) in pixel.paths.iter().enumerate() {
+            assert!((value - expected[k / 3]).abs() < 1e-5, "{k}: {value}");
+        }
+        // As samples, they are shown over their coverage: five samples that cover half a pixel.
+        let mut channels = [0.0; MOST_CHANNELS];
+        channels_of(&record.pixels[..at::COUNT], &pixel, &selection, &selection.amounts(), &mut channels);
+        let from = selection.groups.channels() - PATHS;
+        let log = |v: f32| {
+            let mut curved = [v];
+            crate::bridge::log_curves(&mut curved);
+            curved[0]
+        };
+        for (k, channel) in channels[from..from + PATHS].iter().enumerate() {
+            let value = if k < 6 { expected[k / 3] / 2.5 } else { expected[2] };
+            assert!((channel - log(value)).abs() < 1e-4, "{k}: {channel}");
+        }
+        // A part of which nothing is known leaves them out.
+        record.add_part(2, &samples, 2.0);
+        assert!(!record.paths && !Selection::all(&record).groups.paths);
+    }
+
     /// The network is told the number of samples of each pixel, in the frame's own part, and coverage stays what it was.
     #[test]
     fn pixels_say_how_many_samples_they_have() {
@@ -382,7 +471,7 @@ mod tests {
         let alpha = Image::filled(4, 2, 0.5);
         let mut counts = Image::filled(4, 2, 4);
         counts.pixels[5] = 16;
-        let even = Samples { raw: &raw, alpha: &alpha, albedo: &albedo, background: &behind, spp: 4, counts: None };
+        let even = Samples { raw: &raw, alpha: &alpha, albedo: &albedo, background: &behind, spp: 4, counts: None, paths: None };
         let read = |samples: Samples| {
             let mut record = Record::<f32>::new(4, 2);
             record.pixels.chunks_exact_mut(at::COUNT).for_each(|stored| stored[at::ALPHA] = 0.5);

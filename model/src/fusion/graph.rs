@@ -26,6 +26,8 @@ pub struct FusionConfig {
     pub refines: [usize; LEVELS],
     /// Whether frames without samples have a U-Net of their own.
     pub separate: bool,
+    /// Whether it reads what samples are made of ([`Groups::paths`]). Older weights files say nothing about it and do not.
+    pub paths: bool,
     /// Channels of each level of that U-Net; `widths` if not given. It has one residual convolution where the other has some.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plain_widths: Option<[usize; LEVELS]>,
@@ -33,7 +35,7 @@ pub struct FusionConfig {
 
 impl Default for FusionConfig {
     fn default() -> Self {
-        Self { widths: [48, 64, 96, 128], refines: ONE, separate: true, plain_widths: None }
+        Self { widths: [48, 64, 96, 128], refines: ONE, separate: true, paths: true, plain_widths: None }
     }
 }
 
@@ -54,7 +56,12 @@ impl FusionConfig {
 
     /// Number of values in all parameters.
     pub fn values(&self) -> usize {
-        self.plain().map_or(0, |size| size.values(PLAIN)) + self.sampled().values(Groups::ALL)
+        self.plain().map_or(0, |size| size.values(PLAIN)) + self.sampled().values(self.most())
+    }
+
+    /// The groups that its U-Net for frames with samples reads.
+    pub(super) fn most(&self) -> Groups {
+        Groups { paths: self.paths, ..Groups::ALL }
     }
 
     /// Size of the U-Net for frames with samples.
@@ -98,7 +105,7 @@ impl Size {
 }
 
 /// The groups of frames without samples.
-const PLAIN: Groups = Groups { samples: false, neighbours: false, denoised: false, ..Groups::ALL };
+const PLAIN: Groups = Groups { samples: false, neighbours: false, denoised: false, paths: false, ..Groups::ALL };
 
 /// What the names of the parameters of each U-Net begin with.
 pub(super) const SAMPLED_PREFIX: &str = "sampled.";
@@ -149,7 +156,7 @@ impl FusionNet {
     pub fn new(config: &FusionConfig, seed: u64, device: &Device) -> Result<Self> {
         config.validate()?;
         let init = &mut Init::new(seed, device);
-        let sampled = UNet::new(init, config.sampled(), Groups::ALL);
+        let sampled = UNet::new(init, config.sampled(), config.most());
         Ok(Self { sampled, plain: config.plain().map(|size| UNet::new(init, size, PLAIN)) })
     }
 
@@ -171,13 +178,31 @@ impl UNet {
         Self { stem, reduce, down, enter, up, fine, coarse }
     }
 
-    fn forward(&self, products: Products, x: Tensor<4>, groups: Groups) -> Outputs {
+    fn forward(&self, products: Products, mut x: Tensor<4>, mut groups: Groups) -> Outputs {
+        let untold = Groups { paths: false, ..groups };
+        // The inputs of `paths` come last, and so do its outputs. A network may have neither.
+        let (told, reads) = (groups.paths, self.stem.weight.dims()[2] == 4 * Groups::ALL.channels());
+        if told && !reads {
+            groups = untold;
+            x = x.narrow(3, 0, 4 * groups.channels());
+        }
         let x = ops::conv_by(products, x, stem_of(&self.stem.weight, groups), self.stem.bias.val(), Stride::One, true);
         let layers = unet::View { reduce: &self.reduce, down: &self.down, enter: &self.enter, up: &self.up };
         let mut levels = layers.forward(products, x).into_iter();
         let (half, quarter) = (levels.next().expect("the finest level"), levels.next());
-        let outputs = head::fine(groups);
-        let (weight, bias) = (self.fine.weight.val().narrow(3, 0, outputs), self.fine.bias.val().narrow(0, 0, outputs));
+        let (outputs, all) = (head::fine(untold), self.fine.bias.dims()[0]);
+        let (mut weight, mut bias) = (self.fine.weight.val().narrow(3, 0, outputs), self.fine.bias.val().narrow(0, 0, outputs));
+        if told {
+            let more = head::fine(Groups { paths: true, ..untold }) - outputs;
+            let (more_weight, more_bias) = if reads {
+                (self.fine.weight.val().narrow(3, all - more, more), self.fine.bias.val().narrow(0, all - more, more))
+            } else {
+                // With 0, the head treats indirect light as all other light.
+                (weight.clone().narrow(3, 0, more) * 0.0, bias.clone().narrow(0, 0, more) * 0.0)
+            };
+            weight = Tensor::cat(vec![weight, more_weight], 3);
+            bias = Tensor::cat(vec![bias, more_bias], 0);
+        }
         let coarse = self.coarse.as_ref().filter(|_| groups.samples).zip(quarter);
         Outputs {
             fine: ops::conv_by(products, half, weight, bias, Stride::One, false),

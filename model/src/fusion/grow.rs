@@ -22,7 +22,8 @@ pub(super) fn grown(from: &FusionConfig, own: &[Parameter], to: &FusionConfig, f
         let grows = |from: [usize; LEVELS], to: [usize; LEVELS]| from.iter().zip(to).all(|(from, to)| *from <= to);
         grows(from.widths, to.widths) && grows(from.refines, to.refines)
     };
-    let fit = fits(from.sampled(), to.sampled()) && to.plain().map_or(!from.separate, |to| fits(plain, to));
+    let fit =
+        fits(from.sampled(), to.sampled()) && from.paths <= to.paths && to.plain().map_or(!from.separate, |to| fits(plain, to));
     if !fit {
         let reason = "the weights to begin with are of another network, of which this one is not a larger form";
         return Err(Error::config("network", reason));

@@ -7,7 +7,9 @@
 //!
 //! `F_l(x) = sum_j exp(k_l(x, j)) M_l(x + j) / sum_j exp(k_l(x, j)) coverage_l(x + j)`, with j over 5 x 5 pixels.
 //!
-//! Pixels that see no surface therefore have no influence. The three scales are enlarged bilinearly and blended. The candidates
+//! Pixels that see no surface therefore have no influence. The three scales are enlarged bilinearly and blended. Where it is known
+//! which part of the samples is indirect light, that part is filtered with the same kernels and blended with weights of its own:
+//! it has more noise and fewer edges, so coarse scales suit it. The candidates
 //! are these filtered samples, the specular reflection of the environment, the picture of another denoiser, the warped keyframes,
 //! and the sum of the terms of deferred shading, each times `exp(g)`. They are mixed with softmax weights. Then a share of the
 //! specular reflection and a residual times the reflectance are added, and the environment is put behind the surface. The
@@ -20,7 +22,7 @@ pub use filter::KERNEL;
 use super::record::{Groups, KEYS, NEIGHBOURS, PixelInputs, TERMS};
 use crate::bridge::MAX_RADIANCE;
 use crate::kernels::exp_each;
-use filter::{NOTHING, Scale, filter, four, quarter, taps, unfilter};
+use filter::{INDIRECT, LANES, NOTHING, Scale, filter, four, quarter, taps, unfilter};
 use pulp::{Arch, NullaryFnOnce};
 use rayon::prelude::*;
 
@@ -37,6 +39,8 @@ const MIXED: usize = CANDIDATES + 2;
 const BASE: usize = CANDIDATES + TERMS + 3;
 const TRACED: usize = KERNEL + SCALES + 3;
 const MERGE: usize = 1 + NEIGHBOURS;
+/// Number of outputs per pixel that knowing the indirect light adds.
+const SPLIT: usize = SCALES;
 
 /// Largest absolute logarithm of a factor.
 const MOST: f32 = 4.0;
@@ -47,10 +51,12 @@ const TRUST_DENOISED: f32 = 8.0;
 /// Logit of the finest scale before training.
 const FINEST: f32 = 1.0;
 
-/// Number of outputs at half size for these groups: four pixels, and with samples the kernel of scale 2.
+/// Number of outputs at half size for these groups: four pixels, and with samples the kernel of scale 2. Those that `paths` adds
+/// come last.
 pub fn fine(groups: Groups) -> usize {
     let traced = if groups.samples { 4 * TRACED + KERNEL } else { 0 };
-    4 * BASE + traced + if groups.neighbours { 4 * MERGE } else { 0 }
+    let split = if groups.paths { 4 * SPLIT } else { 0 };
+    4 * BASE + traced + if groups.neighbours { 4 * MERGE } else { 0 } + split
 }
 
 /// The inputs of the head for one picture or crop. Width and height are even, and with samples multiples of 4.
@@ -82,8 +88,8 @@ struct Derivatives {
     fine: Vec<f32>,
     /// With respect to [`Picture::coarse`].
     coarse: Vec<f32>,
-    /// With respect to the filtered samples of each scale.
-    filtered: Vec<Vec<[f32; 3]>>,
+    /// With respect to the filtered samples of each scale; see [`Scale::filtered`].
+    filtered: Vec<Vec<[f32; LANES]>>,
 }
 
 /// The outputs that mix the candidates of one pixel, after their non-linearities.
@@ -95,6 +101,8 @@ struct Mix {
     shine: f32,
     /// Weights of the scales.
     scales: [f32; SCALES],
+    /// The same for indirect light, where it is known.
+    indirect: [f32; SCALES],
 }
 
 impl Picture<'_> {
@@ -116,6 +124,12 @@ impl Picture<'_> {
     fn merge_at(&self, i: usize) -> usize {
         let (block, sub) = self.place(i);
         block * fine(self.groups) + 4 * BASE + 4 * TRACED + KERNEL + sub * MERGE
+    }
+
+    #[inline(always)]
+    fn split_at(&self, i: usize) -> usize {
+        let (block, sub) = self.place(i);
+        (block + 1) * fine(self.groups) - 4 * SPLIT + sub * SPLIT
     }
 
     /// Index of the kernel of pixel `i` of a scale in the outputs of that scale.
@@ -152,10 +166,22 @@ impl Picture<'_> {
         softmax(std::array::from_fn(|n| logits[n]))
     }
 
+    /// The frame's own samples at pixel `i`, and the part of them that is indirect light.
     #[inline(always)]
-    fn merged(&self, i: usize) -> [f32; 4] {
+    fn own(&self, i: usize) -> [f32; LANES] {
+        let pixel = &self.pixels[i];
+        let mut own = [0.0; LANES];
+        own[..4].copy_from_slice(&pixel.own);
+        if self.groups.paths {
+            (0..3).for_each(|c| own[INDIRECT + c] = pixel.paths[c].min(pixel.own[c]));
+        }
+        own
+    }
+
+    #[inline(always)]
+    fn merged(&self, i: usize) -> [f32; LANES] {
         let (pixel, weights) = (&self.pixels[i], self.merging(i));
-        let mut sum = pixel.own.map(|v| v * weights[0]);
+        let mut sum = self.own(i).map(|v| v * weights[0]);
         for (other, weight) in pixel.others.iter().zip(&weights[1..]) {
             for (sum, value) in sum.iter_mut().zip(other) {
                 *sum += weight * value;
@@ -174,10 +200,16 @@ impl Picture<'_> {
             candidates: [[0.0; 3]; MIXED],
             shine: 0.0,
             scales: [0.0; SCALES],
+            indirect: [0.0; SCALES],
         };
         if self.groups.samples {
             let outputs = &self.fine[self.traced_at(i) + KERNEL..][..SCALES + 3];
-            mix.scales = softmax([outputs[0] + FINEST, outputs[1], outputs[2]]);
+            let logits_of_scales = [outputs[0] + FINEST, outputs[1], outputs[2]];
+            mix.scales = softmax(logits_of_scales);
+            if self.groups.paths {
+                let more = &self.fine[self.split_at(i)..][..SPLIT];
+                mix.indirect = softmax(std::array::from_fn(|scale| logits_of_scales[scale] + more[scale]));
+            }
             mix.candidates[MIRRORED] = pixel.reflected;
             mix.weights[MIRRORED] = outputs[SCALES];
             mix.shine = outputs[SCALES + 1];
@@ -185,8 +217,7 @@ impl Picture<'_> {
                 mix.candidates[DENOISED] = denoised;
                 mix.weights[DENOISED] = outputs[SCALES + 2] + TRUST_DENOISED;
             }
-            let filtered = self.filtered(i, &mix.scales, scales);
-            if filtered[3] > NOTHING {
+            if let Some(filtered) = self.filtered(i, &mix, scales).0.joined() {
                 mix.candidates[0] = std::array::from_fn(|c| filtered[c] * pixel.tint[c]);
                 mix.weights[0] = logits[0] + TRUST[0];
             }
@@ -208,20 +239,40 @@ impl Picture<'_> {
         mix
     }
 
-    /// The blended filtered samples at pixel `i`, divided by the reflectance, and the sum of their weights.
+    /// The blended filtered samples at pixel `i`, divided by the reflectance, and the weights of the scales for direct and for
+    /// indirect light. They are equal where indirect light would vanish because it weighs nothing at the scales that have samples.
     #[inline(always)]
-    fn filtered(&self, i: usize, shares: &[f32; SCALES], scales: &[Scale]) -> [f32; 4] {
-        let mut sum = [0.0; 4];
-        for (scale, share) in scales.iter().zip(shares) {
+    fn filtered(&self, i: usize, mix: &Mix, scales: &[Scale]) -> (Blended, [[f32; SCALES]; 2]) {
+        let shares = [mix.scales, mix.indirect];
+        let blended = self.blended(i, shares, scales);
+        if self.groups.paths && blended.weights[1] <= NOTHING && blended.weights[0] > NOTHING {
+            return (self.blended(i, [mix.scales; 2], scales), [mix.scales; 2]);
+        }
+        (blended, shares)
+    }
+
+    /// The same for given weights of the scales.
+    #[inline(always)]
+    fn blended(&self, i: usize, shares: [[f32; SCALES]; 2], scales: &[Scale]) -> Blended {
+        let mut blended = Blended::default();
+        for (level, scale) in scales.iter().enumerate() {
             for (at, weight) in taps(i, self.width, scale) {
                 let there = scale.filtered[at];
                 // A pixel without samples has no influence.
-                let weight = share * weight * f32::from(u8::from(there[3] > NOTHING));
-                (0..3).for_each(|c| sum[c] += weight * there[c]);
-                sum[3] += weight;
+                let weight = weight * f32::from(u8::from(there[3] > NOTHING));
+                let [direct, indirect] = shares.map(|shares| shares[level] * weight);
+                for c in 0..3 {
+                    blended.direct[c] += direct * (there[c] - there[INDIRECT + c]);
+                    blended.indirect[c] += indirect * there[INDIRECT + c];
+                }
+                blended.weights[0] += direct;
+                blended.weights[1] += indirect;
             }
         }
-        if sum[3] > NOTHING { [sum[0] / sum[3], sum[1] / sum[3], sum[2] / sum[3], sum[3]] } else { [0.0; 4] }
+        for (part, weight) in [&mut blended.direct, &mut blended.indirect].into_iter().zip(blended.weights) {
+            *part = if weight > NOTHING { part.map(|v| v / weight) } else { [0.0; 3] };
+        }
+        blended
     }
 
     /// The picture, exposed and linear, 0..=65504.
@@ -266,7 +317,7 @@ impl Picture<'_> {
         let mut found = Derivatives {
             fine: vec![0.0; self.fine.len()],
             coarse: vec![0.0; self.coarse.len()],
-            filtered: scales.iter().map(|scale| vec![[0.0; 3]; scale.merged.len()]).collect(),
+            filtered: scales.iter().map(|scale| vec![[0.0; LANES]; scale.merged.len()]).collect(),
         };
         for (i, slope) in slopes.iter().enumerate() {
             let pixel = &self.pixels[i];
@@ -306,10 +357,10 @@ impl Picture<'_> {
             }
         }
         if self.groups.samples {
-            let mut merged: Vec<[f32; 4]> = Vec::new();
+            let mut merged: Vec<[f32; LANES]> = Vec::new();
             for level in (0..SCALES).rev() {
                 let scale = &scales[level];
-                let mut into = vec![[0.0; 4]; scale.merged.len()];
+                let mut into = vec![[0.0; LANES]; scale.merged.len()];
                 let out = if level == 2 { &mut found.coarse } else { &mut found.fine };
                 for (i, d) in found.filtered[level].iter().enumerate() {
                     if d.iter().any(|v| *v != 0.0) {
@@ -321,7 +372,7 @@ impl Picture<'_> {
                 // The pixels from which the coarser scale was averaged.
                 for (j, d) in merged.iter().enumerate() {
                     for at in four(j, scale.width / 2, scale.width) {
-                        (0..4).for_each(|c| into[at][c] += 0.25 * d[c]);
+                        (0..LANES).for_each(|c| into[at][c] += 0.25 * d[c]);
                     }
                 }
                 merged = into;
@@ -329,9 +380,9 @@ impl Picture<'_> {
             if self.groups.neighbours {
                 for (i, d) in merged.iter().enumerate() {
                     let (pixel, weights) = (&self.pixels[i], self.merging(i));
-                    let dot = |v: &[f32; 4]| (0..4).map(|c| d[c] * v[c]).sum::<f32>();
+                    let dot = |v: &[f32]| v.iter().zip(d).map(|(v, d)| v * d).sum::<f32>();
                     let along: [f32; MERGE] =
-                        std::array::from_fn(|n| if n == 0 { dot(&pixel.own) } else { dot(&pixel.others[n - 1]) });
+                        std::array::from_fn(|n| if n == 0 { dot(&self.own(i)) } else { dot(&pixel.others[n - 1]) });
                     let mean: f32 = along.iter().zip(weights).map(|(v, w)| v * w).sum();
                     let at = self.merge_at(i);
                     for n in 0..MERGE {
@@ -347,29 +398,60 @@ impl Picture<'_> {
     /// to the weights of the scales.
     #[inline(always)]
     fn spread(&self, i: usize, mix: &Mix, d: [f32; 3], scales: &[Scale], found: &mut Derivatives) {
-        let blended = self.filtered(i, &mix.scales, scales);
-        if blended[3] <= NOTHING {
+        let (blended, shares) = self.filtered(i, mix, scales);
+        if blended.joined().is_none() {
             return;
         }
-        let mut along = [0.0; SCALES];
+        let over = blended.weights.map(|weight| if weight > NOTHING { 1.0 / weight } else { 0.0 });
+        // For direct and for indirect light.
+        let mut along = [[0.0; SCALES]; 2];
         for (level, scale) in scales.iter().enumerate() {
             for (at, weight) in taps(i, self.width, scale) {
                 let there = scale.filtered[at];
                 if there[3] <= NOTHING {
                     continue;
                 }
-                let share = weight / blended[3];
+                let [direct, indirect] = over.map(|over| over * weight);
+                let into = &mut found.filtered[level][at];
                 for c in 0..3 {
-                    along[level] += share * d[c] * (there[c] - blended[c]);
-                    found.filtered[level][at][c] += mix.scales[level] * share * d[c];
+                    along[0][level] += direct * d[c] * (there[c] - there[INDIRECT + c] - blended.direct[c]);
+                    along[1][level] += indirect * d[c] * (there[INDIRECT + c] - blended.indirect[c]);
+                    into[c] += shares[0][level] * direct * d[c];
+                    into[INDIRECT + c] += (shares[1][level] * indirect - shares[0][level] * direct) * d[c];
                 }
             }
         }
-        let mean: f32 = along.iter().zip(mix.scales).map(|(v, w)| v * w).sum();
+        let of_logits = |along: [f32; SCALES], weights: [f32; SCALES]| -> [f32; SCALES] {
+            let mean: f32 = along.iter().zip(weights).map(|(v, w)| v * w).sum();
+            std::array::from_fn(|level| weights[level] * (along[level] - mean))
+        };
+        let [direct, indirect] = [0, 1].map(|part| of_logits(along[part], shares[part]));
         let at = self.traced_at(i) + KERNEL;
-        for (level, along) in along.iter().enumerate() {
-            found.fine[at + level] = mix.scales[level] * (along - mean);
+        for level in 0..SCALES {
+            // The logits for indirect light are sums with those for the rest.
+            found.fine[at + level] = direct[level] + indirect[level];
         }
+        if self.groups.paths && shares[1] == mix.indirect {
+            found.fine[self.split_at(i)..][..SPLIT].copy_from_slice(&indirect);
+        }
+    }
+}
+
+/// The blended filtered samples of a pixel, divided by the reflectance: direct light, or all of it where the indirect part is not
+/// known, and indirect light.
+#[derive(Default)]
+struct Blended {
+    direct: [f32; 3],
+    indirect: [f32; 3],
+    /// The sums of weights of both.
+    weights: [f32; 2],
+}
+
+impl Blended {
+    /// All light; `None` without samples.
+    #[inline(always)]
+    fn joined(&self) -> Option<[f32; 3]> {
+        (self.weights[0] > NOTHING).then(|| std::array::from_fn(|c| self.direct[c] + self.indirect[c]))
     }
 }
 
@@ -410,10 +492,10 @@ impl<P: Pixels> NullaryFnOnce for Row<'_, P> {
 struct Merged<'a>(&'a Picture<'a>);
 
 impl Pixels for Merged<'_> {
-    type Value = [f32; 4];
+    type Value = [f32; LANES];
 
     #[inline(always)]
-    fn at(&self, i: usize) -> [f32; 4] {
+    fn at(&self, i: usize) -> [f32; LANES] {
         self.0.merged(i)
     }
 }
@@ -426,13 +508,13 @@ struct Filtered<'a> {
 }
 
 impl Pixels for Filtered<'_> {
-    type Value = [f32; 4];
+    type Value = [f32; LANES];
 
     #[inline(always)]
-    fn at(&self, i: usize) -> [f32; 4] {
+    fn at(&self, i: usize) -> [f32; LANES] {
         // At the finest scale, only the pixel itself reads this.
         if self.level == 0 && self.picture.pixels[i].alpha <= 0.0 {
-            return [0.0; 4];
+            return [0.0; LANES];
         }
         filter(self.scale, i, self.picture.kernel(self.level, i))
     }
@@ -493,108 +575,4 @@ fn exp<const N: usize>(of: [f32; N]) -> [f32; N] {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use rand::{RngExt, SeedableRng};
-    use rand_pcg::Pcg64Mcg;
-
-    fn random_pixel(rng: &mut Pcg64Mcg, groups: Groups) -> PixelInputs {
-        let mut rgb = || std::array::from_fn(|_| rng.random_range(0.05..1.0));
-        let mut pixel = PixelInputs { background: rgb(), tint: rgb(), reflected: rgb(), ..PixelInputs::default() };
-        pixel.terms = std::array::from_fn(|_| rgb());
-        pixel.keys = std::array::from_fn(|_| rgb());
-        pixel.trust = [f32::NEG_INFINITY; KEYS];
-        let traced = |rng: &mut Pcg64Mcg| {
-            let coverage: f32 = if rng.random_bool(0.2) { 0.0 } else { rng.random_range(0.2..1.0) };
-            [0, 1, 2, 3].map(|c| if c == 3 { coverage } else { coverage * rng.random_range(0.0..3.0f32) })
-        };
-        pixel.own = traced(rng);
-        pixel.others = std::array::from_fn(|_| traced(rng));
-        pixel.alpha = if rng.random_bool(0.1) { 0.0 } else { rng.random_range(0.3..1.0) };
-        pixel.denoised = groups.denoised.then(|| std::array::from_fn(|_| rng.random_range(0.05..1.0)));
-        if groups.keys {
-            pixel.trust = [0.2, if rng.random_bool(0.5) { -0.3 } else { f32::NEG_INFINITY }];
-        }
-        pixel
-    }
-
-    /// Derivatives agree with finite differences for every combination of groups.
-    #[test]
-    fn derivatives_agree_with_differences() {
-        let (width, height) = (8, 8);
-        for bits in 0..32 {
-            let [deferred, keys, samples, neighbours, denoised] = [0, 1, 2, 3, 4].map(|bit| bits >> bit & 1 == 1);
-            if (neighbours || denoised) && !samples {
-                continue;
-            }
-            let groups = Groups { deferred, keys, samples, neighbours, denoised };
-            let mut rng = Pcg64Mcg::seed_from_u64(bits);
-            let pixels: Vec<PixelInputs> = (0..width * height).map(|_| random_pixel(&mut rng, groups)).collect();
-            let mut random = |count: usize| -> Vec<f32> { (0..count).map(|_| rng.random_range(-1.0..1.0)).collect() };
-            let fine_outputs = random(width * height / 4 * fine(groups));
-            let coarse_outputs = random(if samples { width * height / 16 * KERNEL } else { 0 });
-            let slopes: Vec<[f32; 3]> = random(3 * width * height).chunks_exact(3).map(|c| [c[0], c[1], c[2]]).collect();
-            let loss = |fine: &[f32], coarse: &[f32]| -> f64 {
-                let (drawn, _) = Picture { width, height, pixels: &pixels, groups, fine, coarse }.draw();
-                drawn.iter().zip(&slopes).flat_map(|(a, b)| (0..3).map(|c| f64::from(a[c] * b[c]))).sum()
-            };
-            let picture = Picture { width, height, pixels: &pixels, groups, fine: &fine_outputs, coarse: &coarse_outputs };
-            let (_, tape) = picture.draw();
-            let (d_fine, d_coarse) = picture.backward(&tape, &slopes);
-            let step = 1e-2;
-            let mut worst: f64 = 0.0;
-            for (which, values, slopes) in [(0, &fine_outputs, &d_fine), (1, &coarse_outputs, &d_coarse)] {
-                for i in (0..values.len()).step_by(7) {
-                    let at = |delta: f32| {
-                        let mut moved = values.clone();
-                        moved[i] += delta;
-                        if which == 0 { loss(&moved, &coarse_outputs) } else { loss(&fine_outputs, &moved) }
-                    };
-                    let expected = (at(step) - at(-step)) / f64::from(2.0 * step);
-                    let error = (expected - f64::from(slopes[i])).abs();
-                    // A clamp between the two points is rare, and would show as a large error.
-                    assert!(error < 3e-3 + 0.02 * expected.abs(), "{groups:?} {which} {i}: {} and {expected}", slopes[i]);
-                    worst = worst.max(expected.abs());
-                }
-            }
-            assert!(worst > 1e-2, "{groups:?}: the picture does not depend on the outputs");
-        }
-    }
-
-    /// Outputs of 0 give the best input: mostly the picture of another denoiser, else samples, else keyframes, else deferred
-    /// shading.
-    #[test]
-    fn an_untrained_network_returns_its_best_input() {
-        let one = PixelInputs {
-            alpha: 1.0,
-            tint: [1.0; 3],
-            terms: [[0.1, 0.2, 0.3]; TERMS],
-            keys: [[0.7; 3]; KEYS],
-            trust: [0.0; KEYS],
-            own: [2.0, 2.0, 2.0, 1.0],
-            ..PixelInputs::default()
-        };
-        let pixels = vec![one; 64];
-        let with_picture = vec![PixelInputs { denoised: Some([0.9; 3]), ..one }; 64];
-        let draw = |groups: Groups| {
-            let pixels = if groups.denoised { &with_picture } else { &pixels };
-            let fine_outputs = vec![0.0; 16 * fine(groups)];
-            let coarse = vec![0.0; if groups.samples { 4 * KERNEL } else { 0 }];
-            let (drawn, _) = Picture { width: 8, height: 8, pixels, groups, fine: &fine_outputs, coarse: &coarse }.draw();
-            drawn[27]
-        };
-        let deferred = Groups { deferred: true, ..Groups::default() };
-        let mut bare = pixels[0];
-        bare.trust = [f32::NEG_INFINITY; KEYS];
-        let samples = Groups { samples: true, ..Groups::default() };
-        assert!((draw(samples)[0] - 2.0).abs() < 0.2);
-        // The denoised picture of 0.9 weighs exp(3) times as much as the samples of 2.
-        assert!((draw(Groups { denoised: true, ..samples })[0] - 0.9).abs() < 0.1);
-        assert!((draw(Groups { keys: true, ..deferred })[0] - 0.7).abs() < 0.05);
-        let bare = vec![bare; 64];
-        let fine_outputs = vec![0.0; 16 * fine(deferred)];
-        let (drawn, _) =
-            Picture { width: 8, height: 8, pixels: &bare, groups: deferred, fine: &fine_outputs, coarse: &[] }.draw();
-        assert_eq!(drawn[9].map(|v| (v * 1e5).round()), [40000.0, 80000.0, 120_000.0]);
-    }
-}
+mod tests;

@@ -22,6 +22,9 @@ pub const ALL_BEFORE: usize = PARTS + 1;
 /// Number of terms of deferred shading, each with its own factor: lights, diffuse sky, reflections, bounced light.
 pub const TERMS: usize = 4;
 
+/// Numbers of each part at [`at::PATHS`].
+pub const PATHS: usize = 9;
+
 /// Added to the reflectance before samples are divided by it.
 const LEAST: f32 = 0.02;
 
@@ -62,8 +65,13 @@ pub mod at {
     pub const NEARBY: usize = SAMPLES + 4 * PARTS;
     /// For each denoised picture: radiance of the surface; negative where the picture is darker than the share of the background.
     pub const DENOISED: usize = NEARBY + 4 * NEIGHBOURS;
+    /// For each part, radiance of the surface divided by its reflectance, times coverage: what met two surfaces or more
+    /// ([`renderflow_frame::Frame::indirect`]), and what hid from light samples ([`renderflow_frame::Frame::hidden`]). Then about
+    /// the standard deviation of one sample's radiance, divided by the reflectance; samples that share a camera ray count as one.
+    /// They mean nothing where [`super::Record::paths`] is false.
+    pub const PATHS: usize = DENOISED + 3 * PICTURES;
     /// True radiance, denoised where a denoiser was found.
-    pub const TRUTH: usize = DENOISED + 3 * PICTURES;
+    pub const TRUTH: usize = PATHS + super::PATHS * PARTS;
     /// The same before it was denoised. It is noisy, but it does not share the errors of a denoiser that made inputs, too.
     pub const RAW_TRUTH: usize = TRUTH + 3;
     /// Number of values per pixel.
@@ -83,18 +91,26 @@ pub struct Groups {
     pub neighbours: bool,
     /// A picture that another denoiser made from these samples. It requires samples.
     pub denoised: bool,
+    /// What these samples are made of: indirect light, hidden light, and how much they vary. It requires samples.
+    pub paths: bool,
 }
 
-/// Number of channels per pixel in each group: G-buffer, deferred, keys, samples, neighbours, denoised.
-pub const CHANNELS: [usize; 6] = [13, 18, 5 * KEYS, 5 + 6, 5 * NEIGHBOURS, 3];
+/// Number of channels per pixel in each group: G-buffer, deferred, keys, samples, neighbours, denoised, paths.
+pub const CHANNELS: [usize; 7] = [13, 18, 5 * KEYS, 5 + 6, 5 * NEIGHBOURS, 3, PATHS];
 
 impl Groups {
     /// All groups.
-    pub const ALL: Self = Self { deferred: true, keys: true, samples: true, neighbours: true, denoised: true };
+    pub const ALL: Self = Self { deferred: true, keys: true, samples: true, neighbours: true, denoised: true, paths: true };
 
     /// Whether each group of [`CHANNELS`] is given.
-    pub fn flags(self) -> [bool; 6] {
-        [true, self.deferred, self.keys, self.samples, self.neighbours, self.denoised]
+    pub fn flags(self) -> [bool; 7] {
+        [true, self.deferred, self.keys, self.samples, self.neighbours, self.denoised, self.paths]
+    }
+
+    /// Whether a record with the groups `there` has all of these, but for what samples are made of, which is never required.
+    pub fn are_in(self, there: Self) -> bool {
+        let needed = Self { paths: false, ..self };
+        needed.flags().into_iter().zip(there.flags()).all(|(needed, there)| there || !needed)
     }
 
     /// Number of channels per pixel in the groups that are given.
@@ -125,6 +141,8 @@ pub struct Record<T> {
     pub neighbours: [u32; NEIGHBOURS],
     /// Whether each denoised picture is given.
     pub denoised: [bool; PICTURES],
+    /// Whether it is known what the samples of every part are made of.
+    pub paths: bool,
 }
 
 impl<T> Record<T> {
@@ -137,6 +155,7 @@ impl<T> Record<T> {
             samples,
             neighbours: samples && self.neighbours.iter().any(|&spp| spp > 0),
             denoised: samples && self.denoised.contains(&true),
+            paths: samples && self.paths,
         }
     }
 
@@ -166,6 +185,7 @@ impl Record<f32> {
             spread: self.spread.iter().map(|spread| f16::from_f32(*spread).to_f32()).collect(),
             neighbours: self.neighbours,
             denoised: self.denoised,
+            paths: self.paths,
         }
     }
 }
@@ -241,7 +261,9 @@ pub struct PixelInputs {
     pub own: [f32; 4],
     /// The number of samples.
     pub spp: f32,
-    /// The same for each neighbour.
+    /// What they are made of ([`at::PATHS`]): the first six numbers as in `own`, and the standard deviation of one sample.
+    pub paths: [f32; PATHS],
+    /// The same as `own` for each neighbour.
     pub others: [[f32; 4]; NEIGHBOURS],
     /// Radiance of the surface in the denoised picture, if one is used.
     pub denoised: Option<[f32; 3]>,
@@ -287,8 +309,32 @@ impl PixelInputs {
         let positive = |[r, g, b, coverage]: [f32; 4]| [r.max(0.0), g.max(0.0), b.max(0.0), coverage];
         (pixel.own, pixel.spp, pixel.others) = (positive(traced.own), traced.spp, traced.others.map(positive));
         pixel.denoised = denoised.map(|rgb| rgb.map(|v| v.max(0.0)));
+        if groups.paths {
+            pixel.paths = paths_of(stored, selection, spread);
+        }
         pixel
     }
+}
+
+/// [`PixelInputs::paths`].
+#[inline(always)]
+fn paths_of(stored: &[f32], selection: &Selection, spread: f32) -> [f32; PATHS] {
+    const VARIES: usize = 6;
+    let (mut paths, mut varying) = ([0.0; PATHS], 0.0);
+    for (part, spp) in selection.parts.iter().enumerate().filter(|(_, spp)| **spp > 0.0) {
+        let stored: &[f32; PATHS] = stored[at::PATHS + PATHS * part..].first_chunk().expect("the numbers of a part");
+        let spp = if *spp > 1.0 { spp * spread } else { *spp };
+        (0..VARIES).for_each(|c| paths[c] += spp * stored[c].max(0.0));
+        // One sample does not vary.
+        if spp > 1.5 {
+            varying += spp;
+            (VARIES..PATHS).for_each(|c| paths[c] += spp * stored[c] * stored[c]);
+        }
+    }
+    if varying > 0.0 {
+        (VARIES..PATHS).for_each(|c| paths[c] = (paths[c] / varying).sqrt());
+    }
+    paths
 }
 
 /// The selected samples of a pixel, as [`PixelInputs`] has them. They are negative where samples are darker than the share of the
@@ -342,14 +388,14 @@ impl Stored for f16 {
 }
 
 /// Most colours that the network reads from a pixel: terms, sky, keyframes, samples, light of the environment, neighbours,
-/// denoised.
-const COLOURS: usize = TERMS + 1 + KEYS + 3 + NEIGHBOURS + 1;
+/// denoised, paths.
+const COLOURS: usize = TERMS + 1 + KEYS + 3 + NEIGHBOURS + 1 + PATHS / 3;
 
 /// Most channels per pixel.
-pub const MOST_CHANNELS: usize = 75;
+pub const MOST_CHANNELS: usize = 84;
 const _: () = {
-    let [a, b, c, d, e, f] = CHANNELS;
-    assert!(a + b + c + d + e + f == MOST_CHANNELS);
+    let [a, b, c, d, e, f, g] = CHANNELS;
+    assert!(a + b + c + d + e + f + g == MOST_CHANNELS);
 };
 
 /// A number of samples per pixel, and the channel that tells it.
@@ -455,6 +501,13 @@ pub fn channels_of(
     }
     if let Some(denoised) = pixel.denoised {
         channels.colour(std::array::from_fn(|c| denoised[c] / pixel.tint[c]));
+    }
+    if groups.paths {
+        let scale = if pixel.own[3] > 0.0 { 1.0 / pixel.own[3] } else { 0.0 };
+        let [indirect, hidden, varies] = [0, 3, 6].map(|from| [pixel.paths[from], pixel.paths[from + 1], pixel.paths[from + 2]]);
+        channels.colour(indirect.map(|v| v * scale));
+        channels.colour(hidden.map(|v| v * scale));
+        channels.colour(varies);
     }
     channels.curve();
     let count = channels.count;

@@ -3,24 +3,32 @@
 use super::batch::{Augmentation, Batch, Window};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE, Outputs};
 use super::grow::grown;
-use super::record::{Record, Selection, Stored};
+use super::record::{Groups, Record, Selection, Stored};
 use crate::network::trained::{Described, Trained};
 use crate::ops::Products;
 use crate::parameters::read;
 use crate::{Error, Result};
 use burn::tensor::{Device, Tensor, TensorData};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// The header of a weights file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Header {
     /// The network.
+    #[serde(deserialize_with = "of_file")]
     pub fusion: FusionConfig,
     /// Number of training steps; 0 for an untrained network.
     pub steps: u64,
     /// Seed of the training run.
     pub seed: u64,
+}
+
+/// The configuration in a weights file. Those from before [`FusionConfig::paths`] lack it.
+fn of_file<'de, D: Deserializer<'de>>(file: D) -> std::result::Result<FusionConfig, D::Error> {
+    let mut fields = serde_json::Map::deserialize(file)?;
+    fields.entry("paths").or_insert(false.into());
+    serde_json::from_value(fields.into()).map_err(serde::de::Error::custom)
 }
 
 #[cfg(shipped_weights)]
@@ -108,6 +116,9 @@ impl Trained<FusionNet> {
     /// # Errors
     /// When the record is empty, and when the device fails.
     pub fn draw<T: Stored>(&self, record: &Record<T>, selection: &Selection) -> Result<Vec<[f32; 3]>> {
+        let read = self.header().fusion.paths;
+        let groups = Groups { paths: selection.groups.paths && read, ..selection.groups };
+        let selection = &Selection { groups, ..*selection };
         let mut side = largest_tile(selection.groups.channels(), self.margin(), self.device.largest_tensor());
         loop {
             match self.draw_in_tiles(record, selection, side) {

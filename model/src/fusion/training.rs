@@ -4,7 +4,7 @@
 use super::batch::{self, Batch, Tier};
 use super::graph::{FusionConfig, FusionNet, MULTIPLE};
 use super::loss::{Loss, LossWeights, Truth, display, loss, perceptual};
-use super::record::{AROUND, PARTS, Record, Selection, at};
+use super::record::{AROUND, Groups, PARTS, Record, Selection, at};
 use super::render::{self, Fusion, Header};
 use crate::lpips::{Backbone, Lpips};
 use crate::ops::Products;
@@ -138,7 +138,9 @@ impl Config {
     /// # Errors
     /// [`Error::Config`] with the first name that no tier has.
     pub fn tiers(&self) -> Result<Vec<Tier>> {
-        batch::tiers(&self.tiers)
+        let mut tiers = batch::tiers(&self.tiers)?;
+        tiers.iter_mut().for_each(|tier| tier.groups.paths &= self.network.paths);
+        Ok(tiers)
     }
 
     /// The sequences in memory.
@@ -292,13 +294,13 @@ fn save(config: &Config, optimizer: &Optimizer, validation: &[Record<f16>], cont
 /// The selections of a record that are validated: one for each of the tiers whose inputs the record has. With samples, it takes
 /// the samples of one part; a tier of samples alone has one selection for each part.
 pub fn variants(record: &Record<f16>, tiers: &[Tier]) -> Vec<(String, Selection)> {
-    let has = record.groups().flags();
     let mut found = Vec::new();
     for tier in tiers {
-        if has.into_iter().zip(tier.groups.flags()).any(|(has, given)| given && !has) {
+        if !tier.groups.are_in(record.groups()) {
             continue;
         }
-        let all = Selection { groups: tier.groups, ..Selection::all(record) };
+        let groups = Groups { paths: tier.groups.paths && record.paths, ..tier.groups };
+        let all = Selection { groups, ..Selection::all(record) };
         if !tier.groups.samples {
             found.push((tier.name.to_owned(), all));
             continue;

@@ -38,6 +38,8 @@ class Groups(NamedTuple):
     """Samples of neighbouring frames."""
     denoised: bool
     """A picture that another denoiser made from the samples."""
+    paths: bool
+    """What the samples are made of: indirect light, hidden light, and how much they vary."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,6 +71,8 @@ class Batch:
     """Logarithm of each keyframe's weight before training, (.., 2); minus infinity where it shows nothing."""
     own: Tensor | None = None
     """Samples divided by the reflectance, and their coverage, times their number, (.., 4)."""
+    paths: Tensor | None = None
+    """What the samples are made of: indirect and hidden light as ``own``, and the standard deviation of one sample, (.., 9)."""
     reflected: Tensor | None = None
     """Unoccluded specular reflection of the environment, (.., 3)."""
     others: Tensor | None = None
@@ -130,7 +134,7 @@ def sequence_files(folder: str | os.PathLike[str]) -> list[Path]:
 class Batches:
     """Batches of random crops, each determined by the seed, the step, the rank and the files alone.
 
-    At most ``window`` sequences are in memory, about 14 MB for each frame of 256 x 256 pixels. Where there are more, the oldest
+    At most ``window`` sequences are in memory, about 18 MB for each frame of 256 x 256 pixels. Where there are more, the oldest
     is replaced every ``rotate_steps`` steps by the next one of an endless shuffled order. ``tiers`` names the combinations of
     inputs that are drawn (:data:`TIERS`); empty for all but ``deferred+keys``, since ``renderflow`` carries keyframes over what
     the network makes without them. With ``world`` processes, each reads its own share of the sequences (all of them where there

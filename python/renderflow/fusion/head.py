@@ -1,14 +1,16 @@
 """The head: it computes the picture from the outputs of the U-Net. It has no parameters.
 
 The samples of the frame and its neighbours, divided by the reflectance, are blended with predicted weights, and filtered with
-predicted kernels of 5 x 5 pixels on scales of 1, 2 and 4 pixels. The candidates are the filtered samples, the specular reflection
-of the environment, the picture of another denoiser, the warped keyframes, and the sum of the scaled terms of deferred shading.
-They are mixed with softmax weights. A share of the specular reflection and a residual are added, and the environment is put
-behind the surface.
+predicted kernels of 5 x 5 pixels on scales of 1, 2 and 4 pixels. Where it is known which part of them is indirect light, that
+part has the same kernels and its own weights of the scales. The candidates are the filtered samples, the specular reflection of
+the environment, the picture of another denoiser, the warped keyframes, and the sum of the scaled terms of deferred shading. They
+are mixed with softmax weights. A share of the specular reflection and a residual are added, and the environment is put behind the
+surface.
 
 The outputs at half size stand in this order: for each of the four pixels of a block ``BASE`` numbers; with samples, for each of
-them ``TRACED`` numbers, then the kernel of scale 2; with neighbours, for each of them ``MERGE`` numbers. Constants and formulas
-are those of ``model/src/fusion/head.rs``, which has its derivatives by hand; here they come from automatic differentiation.
+them ``TRACED`` numbers, then the kernel of scale 2; with neighbours, for each of them ``MERGE`` numbers; with paths, for each of
+them ``SCALES`` numbers. Constants and formulas are those of ``model/src/fusion/head.rs``, which has its derivatives by hand; here
+they come from automatic differentiation.
 """
 
 from __future__ import annotations
@@ -45,7 +47,8 @@ ABSENT = -1e30
 
 def outputs(groups: Groups) -> int:
     """Number of outputs at half size for these groups."""
-    return 4 * BASE + (4 * TRACED + KERNEL if groups.samples else 0) + (4 * MERGE if groups.neighbours else 0)
+    traced = 4 * TRACED + KERNEL if groups.samples else 0
+    return 4 * (BASE + MERGE * groups.neighbours + SCALES * groups.paths) + traced
 
 
 def draw(batch: Batch, fine: Tensor, coarse: Tensor | None) -> Tensor:
@@ -61,9 +64,10 @@ def draw(batch: Batch, fine: Tensor, coarse: Tensor | None) -> Tensor:
         traced = _pixels(fine[..., 4 * BASE : 4 * (BASE + TRACED)])
         kernel, scales, extra = traced.split([KERNEL, SCALES, 3], -1)
         middle = 4 * (BASE + TRACED) + KERNEL
-        merge = _pixels(fine[..., middle:]) if groups.neighbours else None
+        merge = _pixels(fine[..., middle : middle + 4 * MERGE]) if groups.neighbours else None
         kernels = [kernel, fine[..., middle - KERNEL : middle], coarse]
-        filtered, there = _filtered(_merged(batch, merge), kernels, scales)
+        split = _pixels(fine[..., -4 * SCALES :]) if groups.paths else None
+        filtered, there = _filtered(_merged(batch, merge), kernels, scales, split)
         candidates.append((torch.where(there, logits[..., 0] + TRUST_SAMPLES, ABSENT), filtered * batch.tint))
         candidates.append((extra[..., 0], batch.reflected))
         added = added + extra[..., 1:2] * batch.reflected
@@ -95,21 +99,27 @@ def _pixels(blocks: Tensor) -> Tensor:
 
 
 def _merged(batch: Batch, merge: Tensor | None) -> Tensor:
-    """The samples of the frame and of its neighbours (items, height, width, 4): radiance divided by the reflectance, times
-    coverage; coverage."""
+    """The samples of the frame and of its neighbours (items, height, width, 7): radiance divided by the reflectance, times
+    coverage; coverage; the part of the radiance that is indirect light, 0 where it is not known."""
+    known = batch.paths is not None
+    indirect = torch.minimum(batch.paths[..., :3], batch.own[..., :3]) if known else torch.zeros_like(batch.own[..., :3])
+    own = torch.cat([batch.own, indirect], -1)
     if merge is None:
-        return batch.own
+        return own
     weights = torch.softmax(merge, -1)
-    return weights[..., :1] * batch.own + (weights[..., 1:].unsqueeze(-1) * batch.others).sum(-2)
+    others = F.pad((weights[..., 1:].unsqueeze(-1) * batch.others).sum(-2), (0, 3))
+    return weights[..., :1] * own + others
 
 
-def _filtered(samples: Tensor, kernels: list[Tensor], scales: Tensor) -> tuple[Tensor, Tensor]:
+def _filtered(samples: Tensor, kernels: list[Tensor], scales: Tensor, split: Tensor | None) -> tuple[Tensor, Tensor]:
     """The filtered samples (items, height, width, 3) of all scales, and where there are any (items, height, width)."""
     first, *others = scales.unbind(-1)
-    shares = torch.softmax(torch.stack([first + FINEST, *others], -1), -1)
+    logits = torch.stack([first + FINEST, *others], -1)
+    shares = torch.softmax(logits, -1)
+    apart = shares if split is None else torch.softmax(logits + split, -1)
     size = samples.shape[1:3]
     level = samples.permute(0, 3, 1, 2)
-    total = torch.zeros_like(level)
+    total, alike, indirect = (torch.zeros_like(level[:, :4]) for _ in range(3))
     for scale, kernel in enumerate(kernels):
         if scale > 0:
             level = F.avg_pool2d(level, 2)
@@ -117,13 +127,19 @@ def _filtered(samples: Tensor, kernels: list[Tensor], scales: Tensor) -> tuple[T
         filtered = _quotient(_convolved(level, kernel))
         if scale > 0:
             filtered = F.interpolate(filtered, size=size, mode="bilinear", align_corners=False)
-        total = total + shares[..., scale].unsqueeze(1) * filtered
-    blended = _quotient(total)
-    return blended[:, :3].permute(0, 2, 3, 1), blended[:, 3] > 0
+        # All light less the indirect part, and that part, each with what it is divided by.
+        direct = torch.cat([filtered[:, :3] - filtered[:, 4:], filtered[:, 3:4]], 1)
+        share, rest = shares[..., scale].unsqueeze(1), torch.cat([filtered[:, 4:], filtered[:, 3:4]], 1)
+        total, alike = total + share * direct, alike + share * rest
+        indirect = indirect + apart[..., scale].unsqueeze(1) * rest
+    total, alike, indirect = _quotient(total), _quotient(alike), _quotient(indirect)
+    # Where indirect light weighs nothing at the scales that have samples, it has the weights of all light.
+    indirect = torch.where(indirect[:, 3:] > 0, indirect, alike)
+    return (total[:, :3] + indirect[:, :3]).permute(0, 2, 3, 1), total[:, 3] > 0
 
 
 def _convolved(level: Tensor, kernel: Tensor) -> Tensor:
-    """The weighted sums (items, 4, height, width) of the 5 x 5 pixels around each pixel. The largest weight is 1."""
+    """The weighted sums (items, 7, height, width) of the 5 x 5 pixels around each pixel. The largest weight is 1."""
     items, channels, height, width = level.shape
     logits = kernel.permute(0, 3, 1, 2)
     logits = torch.cat([logits[:, : KERNEL // 2], logits[:, KERNEL // 2, None] + MIDDLE, logits[:, KERNEL // 2 + 1 :]], 1)
@@ -133,7 +149,7 @@ def _convolved(level: Tensor, kernel: Tensor) -> Tensor:
 
 
 def _quotient(sums: Tensor) -> Tensor:
-    """Divides the first three channels by the fourth, and sets the fourth to 1; all are 0 where the fourth is almost 0."""
-    there = sums[:, 3:] > NOTHING
-    quotient = torch.where(there, sums[:, :3] / torch.where(there, sums[:, 3:], 1.0), 0.0)
-    return torch.cat([quotient, there.to(sums.dtype)], 1)
+    """Divides all channels by the fourth, and sets the fourth to 1; all are 0 where the fourth is almost 0."""
+    there = sums[:, 3:4] > NOTHING
+    quotient = torch.where(there, sums / torch.where(there, sums[:, 3:4], 1.0), 0.0)
+    return torch.cat([quotient[:, :3], there.to(sums.dtype), quotient[:, 4:]], 1)

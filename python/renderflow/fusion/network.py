@@ -18,12 +18,12 @@ from .batches import Batch, Groups
 WIDTHS = (48, 64, 96, 128)
 REFINES = (1, 1, 1, 1)
 
-# Channels per pixel of each group: G-buffer, deferred, keys, samples, neighbours, denoised.
-_CHANNELS = (13, 18, 10, 11, 20, 3)
+# Channels per pixel of each group: G-buffer, deferred, keys, samples, neighbours, denoised, paths.
+_CHANNELS = (13, 18, 10, 11, 20, 3, 9)
 
 # All groups, and those of frames without samples.
-_ALL = Groups(True, True, True, True, True)
-_PLAIN = Groups(True, True, False, False, False)
+_ALL = Groups(True, True, True, True, True, True)
+_PLAIN = Groups(True, True, False, False, False, False)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +59,7 @@ class _UNet(nn.Module):
 
     def __init__(self, w: tuple[int, ...], refines: tuple[int, ...], most: Groups) -> None:
         super().__init__()
+        self.most = most
         levels = len(w)
         downwards = range(levels - 2, -1, -1)
         self.stem = _conv(4 * sum(count for count, given in zip(_CHANNELS, (True, *most)) if given), w[0])
@@ -72,6 +73,9 @@ class _UNet(nn.Module):
     def forward(self, batch: Batch) -> Outputs:
         groups = batch.groups
         x = batch.input.permute(0, 3, 1, 2)
+        if groups.paths and not self.most.paths:
+            # The inputs of paths come last.
+            groups, x = groups._replace(paths=False), x[:, : -4 * _CHANNELS[-1]]
         x = F.silu(F.conv2d(x, self._stem_weight(groups), self.stem.bias, padding=1))
         skips = []
         for level, down in enumerate(self.down):
@@ -84,8 +88,15 @@ class _UNet(nn.Module):
             quarter = x
             x = torch.cat([F.interpolate(x, scale_factor=2.0, mode="nearest"), skips.pop()], 1)
             x = up(F.silu(enter(x)))
-        count = head.outputs(groups)
-        fine = F.conv2d(x, self.fine.weight[:count], self.fine.bias[:count])
+        count = head.outputs(groups._replace(paths=False))
+        weight, bias = self.fine.weight[:count], self.fine.bias[:count]
+        if groups.paths:
+            more = 4 * head.SCALES
+            weight, bias = torch.cat([weight, self.fine.weight[-more:]]), torch.cat([bias, self.fine.bias[-more:]])
+        fine = F.conv2d(x, weight, bias)
+        if batch.groups.paths and not groups.paths:
+            # With 0, the head treats indirect light as all other light.
+            fine = F.pad(fine, (0, 0, 0, 0, 0, 4 * head.SCALES))
         coarse = self.coarse(quarter).permute(0, 2, 3, 1) if self.coarse is not None and groups.samples else None
         return Outputs(fine.permute(0, 2, 3, 1), coarse)
 
@@ -102,7 +113,8 @@ class _UNet(nn.Module):
 class Fusion(nn.Module):
     """The fusion network. ``widths`` are the channels of its four levels, multiples of 16 up to 1024, and ``refines`` are the
     residual convolutions of each level on either way, 1 to 8. Where it is ``separate``, frames without samples have a U-Net of
-    their own, with the channels ``plain_widths`` (``widths`` if not given) and one residual convolution in each place.
+    their own, with the channels ``plain_widths`` (``widths`` if not given) and one residual convolution in each place. With
+    ``paths``, it reads what samples are made of.
 
     A new network has the initial weights of the program's own training with this seed, and returns the best of its input
     pictures. Raises :class:`renderflow.Error` where a number is out of range.
@@ -115,9 +127,10 @@ class Fusion(nn.Module):
         separate: bool = True,
         refines: Iterable[int] = REFINES,
         plain_widths: Iterable[int] | None = None,
+        paths: bool = True,
     ) -> None:
         super().__init__()
-        config = {"widths": list(widths), "refines": list(refines), "separate": separate}
+        config = {"widths": list(widths), "refines": list(refines), "separate": separate, "paths": paths}
         if plain_widths is not None:
             config["plain_widths"] = list(plain_widths)
         self._fill(_native.Network.untrained(json.dumps(config), seed))
@@ -152,8 +165,9 @@ class Fusion(nn.Module):
         """Number of training steps, which a weights file records. Whoever trains the network counts them here."""
         self.seed: int = native.seed
         self.separate: bool = config["separate"]
+        self.paths: bool = config["paths"]
         self.plain_widths: tuple[int, ...] | None = tuple(config.get("plain_widths") or self.widths) if self.separate else None
-        self.sampled = _UNet(self.widths, self.refines, _ALL)
+        self.sampled = _UNet(self.widths, self.refines, _ALL._replace(paths=self.paths))
         self.plain = _UNet(self.plain_widths, REFINES, _PLAIN) if self.plain_widths else None
         # The program stores kernels as (rows, columns, inputs, outputs).
         values = {name: torch.from_numpy(array) for name, array in native.parameters().items()}

@@ -58,7 +58,9 @@ fn measure(scene: &RenderScene, light: &Light, [spp, guides]: [u32; 2], repeats:
         channels: Channels { motion: false, variance: false, ..Channels::ALL },
         ..Settings::default()
     };
-    let traced = Settings { spp, channels: Channels { guides: true, ..Channels::BEAUTY }, ..Settings::default() };
+    let read = network.header().fusion.paths;
+    let channels = Channels { guides: true, variance: read, paths: read, ..Channels::BEAUTY };
+    let traced = Settings { spp, channels, ..Settings::default() };
     let buffer = time("G-buffer", repeats, || render_gbuffer(scene, &buffers))?;
     let samples = time("samples", repeats, || render(scene, &traced, &|_, _| (), &never))?;
     let shading = time("split sum", repeats, || Ok::<_, Box<dyn Error + Send + Sync>>(ibl::shade(&buffer, light)))?;

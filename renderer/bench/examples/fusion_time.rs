@@ -113,5 +113,6 @@ fn record(size: usize) -> Record<f32> {
     record.deferred = true;
     record.distances = [Some(-8.0), Some(8.0)];
     (record.parts, record.neighbours, record.denoised) = ([2; PARTS], [2; NEIGHBOURS], [true; PICTURES]);
+    record.paths = true;
     record
 }

@@ -120,9 +120,14 @@ fn pictures(frame: &Frame, exposure: f32, spans: &Spans) -> Result<Vec<(String, 
         Ok(())
     };
     let bits = "float whose half-float bits are n / 2, linear";
-    for (name, picture) in
-        [("beauty", &frame.beauty), ("raw", &frame.raw), ("variance", &frame.variance), ("irradiance", &frame.irradiance)]
-    {
+    for (name, picture) in [
+        ("beauty", &frame.beauty),
+        ("raw", &frame.raw),
+        ("variance", &frame.variance),
+        ("indirect", &frame.indirect),
+        ("hidden", &frame.hidden),
+        ("irradiance", &frame.irradiance),
+    ] {
         rgb(format!("values/{name}"), picture.as_ref(), bits, half_bits)?;
     }
     for (group, picture) in frame.light.iter().enumerate() {

@@ -54,7 +54,8 @@ impl OpenSequence<'_> {
             cancel.check()?;
             let path = self.path(numbers[there]);
             let frame = frame_file::read(&path).with_context(|| path.display().to_string())?;
-            window.frames.insert(there, (surface(&frame), Traced::of(frame, exposure)?));
+            // The network reads no paths of stored frames.
+            window.frames.insert(there, (surface(&frame), Traced { paths: None, ..Traced::of(frame, exposure)? }));
         }
         let tracks = window.tracks.get_or_insert_with(|| tracks(&self.loaded, &numbers));
         let (current, own) = &window.frames[&index];
@@ -99,13 +100,15 @@ impl TruthSettings {
     }
 
     /// The same, but frames are denoised with samples of the frames around them, by [`OpenSequence::denoise`] once all frames are
-    /// rendered. `frames` is the number of frames. Without a denoiser nothing changes.
+    /// rendered. `frames` is the number of frames. Without a denoiser nothing changes. The network then does not read what samples
+    /// are made of, because frames may have been stored without it.
     ///
     /// # Errors
     /// When the denoiser is not found.
     pub fn with_neighbours(mut self, neighbours: Neighbours, frames: usize) -> Result<Self> {
         if let Some(denoiser) = &mut self.denoiser {
             self.neighbours = neighbours;
+            self.render.channels.paths = self.keeps_paths;
             denoiser.reopen(&self.render, neighbours.fewest(frames))?;
         }
         Ok(self)

@@ -2,6 +2,7 @@
 
 use crate::dataset::around::{Carried, Traced, add_up, offer};
 use crate::dataset::denoise::Denoise;
+use crate::dataset::job::TruthSettings;
 use crate::dataset::shading::{BUFFERS, OWN_BUFFER};
 use crate::util::cancel::{Cancel, Interrupted};
 use crate::util::device;
@@ -25,8 +26,8 @@ const OIDN_TILE: u64 = 2160 * 2160;
 const OIDN_NETWORK: u64 = 480;
 /// Bytes for each pixel of the record that the network reads and of its picture, and bytes for each pixel that the network is
 /// working on.
-const NEURAL_RECORD: u64 = 640;
-const NEURAL_NETWORK: u64 = 800;
+const NEURAL_RECORD: u64 = 820;
+const NEURAL_NETWORK: u64 = 930;
 
 /// The network inside the program was trained with pictures of at most this many samples for each pixel.
 const NEURAL_MOST: u32 = 16;
@@ -96,6 +97,11 @@ impl Cleaner {
         }
     }
 
+    /// Whether it reads what samples are made of.
+    pub(super) fn reads_paths(&self) -> bool {
+        matches!(self, Self::Neural { network, .. } if network.header().fusion.paths)
+    }
+
     /// Bytes that denoising a picture of this many pixels takes, and how many of them are kept for the next picture.
     pub(super) fn bytes(&self, pixels: u64) -> [u64; 2] {
         let each = |bytes: u64| pixels.saturating_mul(bytes);
@@ -163,6 +169,21 @@ impl Cleaner {
     }
 }
 
+impl TruthSettings {
+    /// The same settings for frames that keep indirect and hidden light.
+    pub fn with_paths(mut self) -> Self {
+        (self.keeps_paths, self.render.channels.paths) = (true, true);
+        self
+    }
+
+    /// Takes what only the denoiser reads out of a frame.
+    pub(super) fn drop_paths(&self, frame: &mut Frame) {
+        if !self.keeps_paths {
+            (frame.indirect, frame.hidden) = (None, None);
+        }
+    }
+}
+
 /// Samples of the frames around the one that is denoised.
 #[derive(Clone, Copy)]
 pub struct Around<'a> {
@@ -194,7 +215,12 @@ pub fn fuse(
     let mut record = Record::of(guides, &shading.surfaces, exposure);
     record.add_environment(&shading, exposure);
     let behind = background(camera, &samples.alpha, &light.environment);
-    record.add_part(0, &Samples::of(samples, &behind).context("samples without guides")?, exposure);
+    let mut own = Samples::of(samples, &behind).context("samples without guides")?;
+    if around.is_some() {
+        // Frames may have been stored without it.
+        own.paths = None;
+    }
+    record.add_part(0, &own, exposure);
     if let Some(Around { index, others, cameras, .. }) = around {
         let near = others.iter().map(|(there, other)| (*there, other));
         offer(&mut record, index, near, |there| cameras[there], (&light.environment, exposure))?;

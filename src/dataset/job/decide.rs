@@ -266,6 +266,9 @@ impl OpenSequence<'_> {
             if groups != render.light_groups as usize && !compact {
                 put("the number of light groups", groups.to_string(), render.light_groups.to_string());
             }
+            if frame.indirect.is_some() != settings.keeps_paths && !compact {
+                put("the indirect light", yes(frame.indirect.is_some()), yes(settings.keeps_paths));
+            }
         }
         if frame.irradiance.is_some() != render.irradiance {
             put("the irradiance", yes(frame.irradiance.is_some()), yes(render.irradiance));

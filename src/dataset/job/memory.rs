@@ -32,6 +32,7 @@ pub fn of_frame(settings: &TruthSettings, size: [usize; 2], light_paths: bool, s
 fn encoded(settings: &TruthSettings, storage: Profile) -> u64 {
     let asked = |name: &str| match (name, name.strip_prefix("light.")) {
         ("irradiance", _) => settings.render.irradiance,
+        ("indirect" | "hidden", _) => settings.render.channels.paths,
         ("distance", _) => settings.distance,
         ("samples", _) => settings.render.budget != Budget::Uniform || settings.sample_map.is_some(),
         (_, Some(group)) => group.parse().is_ok_and(|group: u32| group < settings.render.light_groups),

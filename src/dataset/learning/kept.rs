@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Changes when sequences of the same plan and recipe get other numbers.
-const VERSION: u32 = 9;
+const VERSION: u32 = 10;
 /// The entry of the metadata.
 const HEADER: &str = "renderflow_records";
 /// Strength of the compression; more is slower and hardly smaller.
@@ -75,6 +75,8 @@ struct Header {
     parts: [u32; PARTS],
     neighbours: [u32; NEIGHBOURS],
     denoised: [bool; PICTURES],
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    paths: bool,
     /// Whether [`Record::spread`] follows the pixels.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     spread: bool,
@@ -196,6 +198,7 @@ fn encode(records: &[Record<f16>]) -> Result<Vec<u8>> {
             neighbours: record.neighbours,
             spread: !record.spread.is_empty(),
             denoised: record.denoised,
+            paths: record.paths,
         })
         .collect();
     let mut tensors = Vec::new();
@@ -238,7 +241,7 @@ fn pack(record: &Record<f16>) -> Result<Vec<u8>> {
 
 /// The record that [`pack`] compressed.
 fn unpack(header: Header, block: &[u8]) -> Result<Record<f16>> {
-    let Header { width, height, deferred, distances, parts, neighbours, denoised, spread } = header;
+    let Header { width, height, deferred, distances, parts, neighbours, denoised, paths, spread } = header;
     let channels = at::COUNT + usize::from(spread);
     let size = width.checked_mul(height).and_then(|count| count.checked_mul(2 * channels));
     let size = size.filter(|size| *size > 0 && *size <= 1 << 32).context("a frame of impossible size")?;
@@ -255,7 +258,7 @@ fn unpack(header: Header, block: &[u8]) -> Result<Record<f16>> {
         }
     }
     let spread = (at::COUNT * count..channels * count).map(|at| value_at(at).to_f32()).collect();
-    Ok(Record { width, height, pixels, deferred, distances, parts, spread, neighbours, denoised })
+    Ok(Record { width, height, pixels, deferred, distances, parts, spread, neighbours, denoised, paths })
 }
 
 #[cfg(test)]
@@ -280,6 +283,7 @@ mod tests {
                     spread: if f == 1 { (0..32 * 8).map(|k| [0.5, 1.0, 4.0][k % 3]).collect() } else { Vec::new() },
                     neighbours: [1, 0, 0, 2],
                     denoised: [true, false, false, false, true, false],
+                    paths: f == 1,
                     ..record.to_half()
                 }
             };
@@ -307,6 +311,7 @@ mod tests {
             && a.iter().zip(b).all(|(a, b)| {
                 (a.width, a.height, a.deferred, a.distances) == (b.width, b.height, b.deferred, b.distances)
                     && (a.parts, &a.spread, a.neighbours, a.denoised) == (b.parts, &b.spread, b.neighbours, b.denoised)
+                    && a.paths == b.paths
                     && bits(a) == bits(b)
             })
     }

@@ -5,8 +5,8 @@ use super::Buffer;
 use super::Options;
 use super::fused::Fused;
 use crate::dataset::Sequence;
-use crate::dataset::around::{Carried, Neighbours, REACH, Traced, add_up, surface};
-use crate::dataset::shading::OWN_BUFFER;
+use crate::dataset::around::{Carried, Neighbours, REACH, Traced, add_up, paths, surface};
+use crate::dataset::shading::{OWN_BUFFER, TRACED};
 use crate::evaluate::method::Method;
 use crate::evaluate::method::tracing::{Clean, Guides, Samples, Tracing};
 use crate::evaluate::results::BUDGET_PIXELS;
@@ -35,6 +35,8 @@ const MOST: u32 = 65536;
 struct Needs {
     /// Guides of the samples' own camera rays.
     guides: bool,
+    /// What the samples are made of, if the network reads it.
+    paths: bool,
     /// The surfaces that the pixels' centres see.
     surfaces: bool,
     /// Samples under [`Budget::Detail`].
@@ -51,12 +53,13 @@ impl Needs {
         // few.
         if tracing.clean.is_neural() {
             let surfaces = adaptive && spp >= OWN_BUFFER && tracing.neighbours == Neighbours::Alone;
-            return Self { guides: true, surfaces, adaptive, paid: adaptive && !surfaces };
+            return Self { guides: true, paths: true, surfaces, adaptive, paid: adaptive && !surfaces };
         }
         // A G-buffer holds both.
         let own = tracing.guides == Guides::Own;
         Self {
             guides: own && tracing.clean != Clean::Raw,
+            paths: false,
             surfaces: own && tracing.neighbours != Neighbours::Alone,
             adaptive,
             paid: adaptive && !own,
@@ -84,6 +87,8 @@ pub struct Current<'a> {
 pub struct Tracer<'a> {
     sequence: &'a Sequence,
     max_bounces: u32,
+    /// Whether the network reads what samples are made of.
+    reads_paths: bool,
     /// By effort, and by whether they are told that the guides are clean.
     denoisers: BTreeMap<(Quality, bool), Denoiser>,
     /// Seconds of path tracing with 0 samples, and of each further sample.
@@ -121,6 +126,7 @@ impl<'a> Tracer<'a> {
         Ok(Self {
             sequence,
             max_bounces: options.max_bounces,
+            reads_paths: options.fusion.is_some_and(|network| network.header().fusion.paths),
             denoisers,
             rates: BTreeMap::new(),
             denoised: BTreeMap::new(),
@@ -291,7 +297,8 @@ impl<'a> Tracer<'a> {
     /// Path-traces a frame with the channels that are needed. `current` is the frame that is being made.
     fn trace(&mut self, scene: &mut RenderScene, (index, needs, spp): Key, current: Current) -> Result<Traced> {
         let cancel = current.cancel;
-        let channels = Channels { gbuffer: needs.surfaces, guides: needs.guides, ..Channels::BEAUTY };
+        let channels = if needs.paths && self.reads_paths { TRACED } else { Channels::BEAUTY };
+        let channels = Channels { gbuffer: needs.surfaces, guides: needs.guides, ..channels };
         let budget = if needs.adaptive { Budget::Detail } else { Budget::Uniform };
         let settings = Settings { spp, max_bounces: self.max_bounces, channels, budget, ..Settings::default() };
         scene.set_frame(self.sequence.numbers[index]);
@@ -314,6 +321,7 @@ impl<'a> Tracer<'a> {
         let (mut frame, seconds) = rendered?;
         let raw = frame.raw.take().context("the path tracer made no picture")?;
         let alpha = std::mem::take(&mut frame.alpha);
+        let paths = paths(&mut frame);
         // The network reads it.
         let own = needs.adaptive && needs.surfaces && needs.guides;
         let (samples, gbuffer) = (frame.samples.take(), own.then(|| Box::new(Frame { alpha: alpha.clone(), ..frame.clone() })));
@@ -321,7 +329,8 @@ impl<'a> Tracer<'a> {
         if needs.surfaces {
             self.surfaces.entry(index).or_insert_with(|| surface(&frame));
         }
-        Ok(Traced { raw, alpha, guides: guides.filter(|_| needs.guides), spp, counts: samples, gbuffer, seconds, carried: None })
+        let guides = guides.filter(|_| needs.guides);
+        Ok(Traced { raw, alpha, guides, spp, counts: samples, paths, gbuffer, seconds, carried: None })
     }
 
     /// Finds the surfaces that the pixels' centres see in `frames`. Where samples did not record them, a G-buffer is made,
@@ -479,8 +488,9 @@ mod tests {
         let needs = |id: &str| {
             let Method::Traced(tracing) = Method::parse(id).unwrap() else { unreachable!() };
             let Samples::Count(spp) = tracing.samples else { unreachable!() };
-            let Needs { guides, surfaces, paid, .. } = Needs::of(&tracing, spp);
+            let Needs { guides, surfaces, paid, paths, .. } = Needs::of(&tracing, spp);
             assert!(tracing.adaptive || !paid);
+            assert_eq!(paths, id.contains("neural"));
             [guides, surfaces]
         };
         assert_eq!(needs("pt4"), [false, false]);

@@ -13,6 +13,11 @@ pub const NOTHING: f32 = 1e-6;
 /// Logit of the centre of a kernel before training.
 const MIDDLE: f32 = 2.0;
 
+/// Numbers of a pixel: all light, coverage, and from [`INDIRECT`] on the part of the light that is indirect; a whole vector.
+pub const LANES: usize = 8;
+/// Where the indirect light stands among them; 0 where it is not known.
+pub const INDIRECT: usize = 4;
+
 /// The samples at one scale, before and after filtering.
 #[derive(Clone, Debug, Default)]
 pub struct Scale {
@@ -20,10 +25,10 @@ pub struct Scale {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Samples divided by the reflectance, times coverage; coverage.
-    pub merged: Vec<[f32; 4]>,
-    /// The filtered quotient, and the weighted coverage that it was divided by.
-    pub filtered: Vec<[f32; 4]>,
+    /// Samples divided by the reflectance, times coverage; coverage; the indirect part, as the samples.
+    pub merged: Vec<[f32; LANES]>,
+    /// The filtered quotients, and the weighted coverage that they were divided by.
+    pub filtered: Vec<[f32; LANES]>,
 }
 
 /// The four pixels of the next finer scale (of `fine_width` columns) that pixel `i` of a scale of `width` columns covers.
@@ -33,7 +38,7 @@ pub fn four(i: usize, width: usize, fine_width: usize) -> [usize; 4] {
 }
 
 /// Mean of the four finer pixels that pixel `i` of a scale of `width` columns covers.
-pub fn quarter(finer: &Scale, i: usize, width: usize) -> [f32; 4] {
+pub fn quarter(finer: &Scale, i: usize, width: usize) -> [f32; LANES] {
     let under = four(i, width, finer.width).map(|at| finer.merged[at]);
     std::array::from_fn(|c| 0.25 * (under[0][c] + under[1][c] + under[2][c] + under[3][c]))
 }
@@ -87,37 +92,38 @@ fn weights(kernel: &[f32]) -> [f32; PADDED] {
     weights
 }
 
-/// The quotient of the weighted sums around pixel `i`, and the weighted coverage that it was divided by.
+/// The quotients of the weighted sums around pixel `i`, and the weighted coverage that they were divided by.
 #[inline(always)]
-pub fn filter(scale: &Scale, i: usize, kernel: &[f32]) -> [f32; 4] {
+pub fn filter(scale: &Scale, i: usize, kernel: &[f32]) -> [f32; LANES] {
     let weights = weights(kernel);
     // A sum for each row, so that none waits for another.
-    let mut sums = [[0.0; 4]; SIDE];
+    let mut sums = [[0.0; LANES]; SIDE];
     for (sum, (tap, at, count)) in sums.iter_mut().zip(rows(scale, i)) {
         for (weight, there) in weights[tap..tap + count].iter().zip(&scale.merged[at..at + count]) {
-            (0..4).for_each(|c| sum[c] += weight * there[c]);
+            (0..LANES).for_each(|c| sum[c] += weight * there[c]);
         }
     }
-    let sum: [f32; 4] = std::array::from_fn(|c| sums.iter().map(|sum| sum[c]).sum());
-    if sum[3] > NOTHING { [sum[0] / sum[3], sum[1] / sum[3], sum[2] / sum[3], sum[3]] } else { [0.0; 4] }
+    let sum: [f32; LANES] = std::array::from_fn(|c| sums.iter().map(|sum| sum[c]).sum());
+    if sum[3] > NOTHING { std::array::from_fn(|c| if c == 3 { sum[3] } else { sum[c] / sum[3] }) } else { [0.0; LANES] }
 }
 
 /// Propagates `d`, the derivative with respect to the filtered pixel `i`, to its kernel and to the samples around it.
 #[inline(always)]
-pub fn unfilter(scale: &Scale, i: usize, kernel: &[f32], d: [f32; 3], out: &mut [f32], into: &mut [[f32; 4]]) {
+pub fn unfilter(scale: &Scale, i: usize, kernel: &[f32], d: [f32; LANES], out: &mut [f32], into: &mut [[f32; LANES]]) {
     let filtered = scale.filtered[i];
     if filtered[3] <= NOTHING {
         return;
     }
     let weights = weights(kernel);
-    let mean: f32 = (0..3).map(|c| d[c] * filtered[c]).sum();
-    let along = [d[0], d[1], d[2], -mean];
+    // The coverage has no derivative of its own.
+    let mean: f32 = (0..LANES).filter(|c| *c != 3).map(|c| d[c] * filtered[c]).sum();
+    let along: [f32; LANES] = std::array::from_fn(|c| if c == 3 { -mean } else { d[c] });
     for (tap, at, count) in rows(scale, i) {
         let taps = weights[tap..tap + count].iter().zip(&mut out[tap..tap + count]);
         for ((weight, out), (there, into)) in taps.zip(scale.merged[at..at + count].iter().zip(&mut into[at..at + count])) {
             let weight = weight / filtered[3];
             let mut sum = 0.0;
-            for c in 0..4 {
+            for c in 0..LANES {
                 sum += along[c] * there[c];
                 into[c] += weight * along[c];
             }
