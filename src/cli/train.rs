@@ -102,7 +102,7 @@ struct Train {
     #[arg(long, conflicts_with_all = ["data", "preset", "vae", "base", "cache_mib"], help_heading = "Input")]
     plan: Option<PathBuf>,
     /// Folder that keeps the sequences which the fusion or the inverse network learns from. Later runs with the same plan or
-    /// dataset and the same recipe read them from there instead of rendering them. A sequence of five frames takes up to 26 MB at
+    /// dataset and the same recipe read them from there instead of rendering them. A sequence of five frames takes up to 35 MB at
     /// 256x256
     #[arg(long, value_name = "DIR", conflicts_with = "preset", help_heading = "Input")]
     keep: Option<PathBuf>,
