@@ -7,13 +7,14 @@
 //!
 //! `F_l(x) = sum_j exp(k_l(x, j)) M_l(x + j) / sum_j exp(k_l(x, j)) coverage_l(x + j)`, with j over 5 x 5 pixels.
 //!
-//! Pixels that see no surface therefore have no influence. The three scales are enlarged bilinearly and blended. Where it is known
-//! which part of the samples is indirect light, that part is filtered with the same kernels and blended with weights of its own:
-//! it has more noise and fewer edges, so coarse scales suit it. The candidates
-//! are these filtered samples, the specular reflection of the environment, the picture of another denoiser, the warped keyframes,
-//! and the sum of the terms of deferred shading, each times `exp(g)`. They are mixed with softmax weights. Then a share of the
-//! specular reflection and a residual times the reflectance are added, and the environment is put behind the surface. The
-//! specular reflection is a candidate because kernels blur reflections, and the split sum does not.
+//! Pixels that see no surface therefore have no influence. The three scales are enlarged bilinearly and blended. Where it is
+//! known which part of the samples is indirect light, that part is filtered with the same kernels, and the scales have weights of
+//! their own for it: it has more of the noise, and fewer edges.
+//!
+//! The candidates are these filtered samples, the specular reflection of the environment, the picture of another denoiser, the
+//! warped keyframes, and the sum of the terms of deferred shading, each times `exp(g)`. They are mixed with softmax weights. Then
+//! a share of the specular reflection and a residual times the reflectance are added, and the environment is put behind the
+//! surface. The specular reflection is a candidate because kernels blur reflections, and the split sum does not.
 
 mod filter;
 
@@ -240,7 +241,8 @@ impl Picture<'_> {
     }
 
     /// The blended filtered samples at pixel `i`, divided by the reflectance, and the weights of the scales for direct and for
-    /// indirect light. They are equal where indirect light would vanish because it weighs nothing at the scales that have samples.
+    /// indirect light. Both are the same where indirect light would else vanish, because it weighs nothing at the scales that
+    /// have samples.
     #[inline(always)]
     fn filtered(&self, i: usize, mix: &Mix, scales: &[Scale]) -> (Blended, [[f32; SCALES]; 2]) {
         let shares = [mix.scales, mix.indirect];
