@@ -329,7 +329,7 @@ def test_a_network_learns_a_batch(sequences):
     model, batch = Fusion((16, 16, 16, 16)), Batch.of(drawn(sequences, "rays+keys"))
     optimizer = torch.optim.AdamW(model.parameters(), lr=3e-3)
     losses = []
-    for _ in range(40):
+    for _ in range(150):
         optimizer.zero_grad()
         found = loss(model(batch), batch).total.mean()
         found.backward()
