@@ -115,8 +115,9 @@ pub struct Frame {
     /// The part of `raw` that met two surfaces or more; `None` unless requested.
     pub indirect: Option<Rgb>,
     /// What light samples at the first surface would have added to `raw` if nothing had hidden their light; `None` unless
-    /// requested. Light that is found by scattered rays is not in it, so it is less than a shadow takes: little on shiny surfaces,
-    /// and nothing under an even sky, of which no light samples are drawn. Light that enters a clear body is not in it either.
+    /// requested. Light that is found by scattered rays is not in it, so it is less than a shadow takes: little on shiny
+    /// surfaces, and nothing under an even sky, of which no light samples are drawn. Light that enters a clear body is not in it
+    /// either.
     pub hidden: Option<Rgb>,
     /// Base colour at the pixel centre, linear, 0..=1, 0 at a miss.
     pub albedo: Rgb,

@@ -100,8 +100,8 @@ impl TruthSettings {
     }
 
     /// The same, but frames are denoised with samples of the frames around them, by [`OpenSequence::denoise`] once all frames are
-    /// rendered. `frames` is the number of frames. Without a denoiser nothing changes. The network then does not read what samples
-    /// are made of, because frames may have been stored without it.
+    /// rendered. `frames` is the number of frames. Without a denoiser nothing changes. The network then does not read
+    /// what samples are made of, because frames may have been stored without it.
     ///
     /// # Errors
     /// When the denoiser is not found.
