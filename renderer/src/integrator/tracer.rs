@@ -197,7 +197,7 @@ impl<'a, F: Features> Tracer<'a, F> {
         &self.groups
     }
 
-    /// Indirect light of the last sample, and what hid from it.
+    /// Indirect and hidden light of the last sample.
     pub fn paths(&self) -> [Vec3A; 2] {
         [self.indirect, self.hidden]
     }

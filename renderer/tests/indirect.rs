@@ -84,7 +84,7 @@ fn indirect_light_is_what_further_bounces_add() {
 
 /// Asking for them changes no other channel, and an even sky, of which no light samples are drawn, hides nothing.
 #[test]
-fn shares_cost_no_other_channel() {
+fn indirect_and_hidden_light_cost_no_other_channel() {
     let without = |frame: Frame| Frame { indirect: None, hidden: None, ..frame };
     let budgets = [Budget::Uniform, Budget::Average, Budget::Detail];
     for (environment, budget) in [sunny(), Environment::constant([0.7, 0.8, 0.9])].iter().flat_map(|e| budgets.map(|b| (e, b))) {
