@@ -14,15 +14,18 @@ use crate::evaluate::method::Method;
 use crate::evaluate::renderer;
 use crate::evaluate::results::{BUDGET_PIXELS, Results};
 use crate::evaluate::run;
+use crate::metrics::bootstrap::Interval;
 use crate::report::steps::Steps;
 use crate::util::picture;
 use crate::util::progress::Progress;
 use crate::util::text::plural;
 use crate::util::text::short;
+use crate::util::weights::inside;
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use renderflow_frame::file;
 use renderflow_frame::reach::Reach;
+use renderflow_model::inverse::InverseNet;
 use renderflow_renderer::Settings;
 
 /// A table or a figure.
@@ -91,6 +94,10 @@ const QUALITY: [&str; 3] = ["psnr_full", "ssim", "lpips_alex"];
 /// Columns where seconds count too.
 const WITH_SECONDS: [&str; 4] = ["psnr_full", "ssim", "lpips_alex", "seconds"];
 
+/// The paper's network from starts that the paper does not have.
+const FROM_DEFERRED: &str = "RenderFlow from deferred shading";
+const FROM_CARRIED: &str = "RenderFlow from keyframes carried over it";
+
 /// One row of the paper's network: its label, its run, its method, its steps, and the paper's numbers.
 type Wan = (&'static str, Run, &'static str, u32, &'static str);
 
@@ -141,7 +148,7 @@ fn methods(lab: &Lab) -> Result<Table> {
     row.note = plural(lab.scale.spp[1], "sample");
     table.add(row, "more than 10 s");
     let [stills, clips] = lab.scale.noisy_steps;
-    let rows: [Wan; 6] = [
+    let rows: [Wan; 8] = [
         (
             "single frames from noise (as RGB-X)",
             Run::Noise { clips: false },
@@ -154,6 +161,8 @@ fn methods(lab: &Lab) -> Result<Table> {
         ("RenderFlow, frame by frame", Run::Base, "wan-stills", 1, ""),
         ("RenderFlow with keyframes", Run::Keys(Keys::Whole), "wan+keys", 1, "26.663 / .883 / .101, .24 s"),
         ("RenderFlow with keyframes, frame by frame", Run::Keys(Keys::Whole), "wan-stills+keys", 1, ""),
+        (FROM_DEFERRED, Run::Variant(Variant::Deferred), "wan", 1, ""),
+        (FROM_CARRIED, Run::Keys(Keys::Carried), "wan+keys", 1, ""),
     ];
     for (label, run, method, steps, paper) in rows {
         let results = lab.measure(&Ask { run: Some(run), steps, ..lab.ask(&[method]) })?;
@@ -182,27 +191,42 @@ fn inverse(lab: &Lab) -> Result<Table> {
         &[],
     );
     table.heads = BUFFERS.iter().map(|(_, head)| (*head).to_owned()).collect();
+    let recipe = (lab.networks(Some(Run::Inverse))?, inside::<InverseNet>(), lab.scale.plan(Data::Test)?, lab.measured_by());
+    table.rows = lab.kept("inverse", &(&table.heads, recipe), || recovered(lab))?;
+    Ok(table)
+}
+
+/// The rows of the table on recovered buffers: its label, its cells, no note, and the paper's numbers.
+fn recovered(lab: &Lab) -> Result<Vec<(String, Vec<String>, String, String)>> {
     let autoencoder = lab.train(Run::Autoencoder)?.weights();
     let trained = lab.train(Run::Inverse)?.weights();
     let options = WanOptions { vae: Some(&autoencoder), tile: None };
     let wan = Inverter::open(Some(&trained), options, lab.fusion.device())?;
     let own = Inverter::open(None, WanOptions::default(), lab.fusion.device())?;
     let tests = lab.sequences(Data::Test, None)?;
+    let mut rows: Vec<(String, Vec<String>, String, String)> = Vec::new();
     for (label, network, paper) in [("RenderFlow", wan, "26.93 / .153 / 16.2 degrees / material .084"), ("our network", own, "")]
     {
         let sets = inverse::measure(&inverse::Method::Network(network), &tests, lab.scale.every, lab.lpips, lab.cancel)?;
         for row in sets.first().iter().flat_map(|set| &set.rows) {
             let name = if row.method == "network" { label } else { row.method };
-            if table.rows.iter().any(|(there, ..)| there == name) {
+            if rows.iter().any(|(there, ..)| there == name) {
                 continue;
             }
-            let cell =
-                |(id, _): &(&str, &str)| row.values.get(*id).map_or_else(|| "-".into(), |value| format!("{:.3}", value.mean));
+            let cell = |(id, _): &(&str, &str)| row.values.get(*id).map_or_else(|| "-".into(), interval);
             let paper = if row.method == "network" { paper } else { "" };
-            table.rows.push((name.to_owned(), BUFFERS.iter().map(cell).collect(), String::new(), paper.to_owned()));
+            rows.push((name.to_owned(), BUFFERS.iter().map(cell).collect(), String::new(), paper.to_owned()));
         }
     }
-    Ok(table)
+    Ok(rows)
+}
+
+/// A mean with its interval.
+fn interval(value: &Interval) -> String {
+    match value.range {
+        Some([low, high]) => format!("{:.3} ({low:.3} to {high:.3})", value.mean),
+        None => format!("{:.3}", value.mean),
+    }
 }
 
 fn strategies(lab: &Lab) -> Result<Table> {
@@ -323,11 +347,20 @@ fn seconds(lab: &Lab) -> Result<Table> {
     );
     let base = ["ibl", "deferred", "neural", "pt1+fast", "pt2+fast", "pt1+oidn", "pt2+oidn", "pt4+oidn", "pt8+oidn"];
     let guided = ["pt1+oidn+gbuffer", "pt2+oidn+gbuffer", "pt4+oidn+gbuffer", "pt8+oidn+gbuffer"];
-    let with = ["pt1+oidn+neural", "pt2+oidn+neural", "pt4+oidn+neural", "pt8+oidn+neural", "pt4+oidn+neural+keys"];
-    let all: Vec<&str> = base.into_iter().chain(guided).chain(with).collect();
+    let spread = ["pt4+adaptive+oidn+gbuffer", "pt8+adaptive+oidn"];
+    let alone = ["pt2+adaptive+neural", "pt4+adaptive+neural", "pt8+adaptive+neural"];
+    let with = ["pt1+oidn+neural", "pt2+oidn+neural", "pt4+oidn+neural", "pt8+oidn+neural"];
+    let best = ["pt4+adaptive+oidn+neural", "pt8+adaptive+oidn+neural", "pt8+adaptive+oidn+neural+keys"];
+    let all: Vec<&str> = base.into_iter().chain(guided).chain(spread).chain(alone).chain(with).chain(best).collect();
     let results = lab.measure(&lab.ask(&all))?;
-    let wan = lab.measure(&Ask { run: Some(Run::Base), ..lab.ask(&["wan"]) })?;
-    table.add(Row::of(&wan, "wan", "RenderFlow"), "");
+    for (label, run, method) in [
+        ("RenderFlow", Run::Base, "wan"),
+        (FROM_DEFERRED, Run::Variant(Variant::Deferred), "wan"),
+        (FROM_CARRIED, Run::Keys(Keys::Carried), "wan+keys"),
+    ] {
+        let results = lab.measure(&Ask { run: Some(run), ..lab.ask(&[method]) })?;
+        table.add(Row::of(&results, method, label), "");
+    }
     for method in &results.about.methods {
         table.add(Row::of(&results, &method.id, &method.label), "");
     }
@@ -345,14 +378,17 @@ fn range(lab: &Lab) -> Result<Table> {
          truth does not have. The paper measures display values only.",
         &["rel_mse", "rel_mse_robust", "flip", "temporal"],
     );
-    let own = ["ibl", "deferred", "warp", "neural", "neural+keys", "pt4+oidn", "pt4+oidn+neural"];
+    let own = ["ibl", "deferred", "warp", "neural", "neural+keys", "pt4+oidn", "pt4+adaptive+neural", "pt4+adaptive+oidn+neural"];
     let results = lab.measure(&lab.ask(&own))?;
     for method in &results.about.methods {
         table.add(Row::of(&results, &method.id, &method.label), "");
     }
-    for (label, run, method) in
-        [("RenderFlow", Run::Base, "wan"), ("RenderFlow with keyframes", Run::Keys(Keys::Whole), "wan+keys")]
-    {
+    for (label, run, method) in [
+        ("RenderFlow", Run::Base, "wan"),
+        ("RenderFlow with keyframes", Run::Keys(Keys::Whole), "wan+keys"),
+        (FROM_DEFERRED, Run::Variant(Variant::Deferred), "wan"),
+        (FROM_CARRIED, Run::Keys(Keys::Carried), "wan+keys"),
+    ] {
         let results = lab.measure(&Ask { run: Some(run), ..lab.ask(&[method]) })?;
         table.add(Row::of(&results, method, label), "");
     }
@@ -369,8 +405,10 @@ fn generalisation(lab: &Lab) -> Result<Table> {
     let own = ["ibl", "deferred", "neural"];
     for (data, label) in [(Data::Seen, "learnt"), (Data::Test, "new")] {
         let ask = |methods| Ask { data, every: if data == Data::Seen { 4 } else { lab.scale.every }, ..lab.ask(methods) };
-        let wan = lab.measure(&Ask { run: Some(Run::Base), ..ask(&["wan"]) })?;
-        table.add(Row::of(&wan, "wan", &format!("RenderFlow, {label}")), "");
+        for (name, run) in [("RenderFlow", Run::Base), (FROM_DEFERRED, Run::Variant(Variant::Deferred))] {
+            let wan = lab.measure(&Ask { run: Some(run), ..ask(&["wan"]) })?;
+            table.add(Row::of(&wan, "wan", &format!("{name}, {label}")), "");
+        }
         let results = lab.measure(&ask(&own))?;
         for method in &results.about.methods {
             table.add(Row::of(&results, &method.id, &format!("{}, {label}", method.label)), "");
