@@ -14,8 +14,8 @@ use renderflow_frame::warp::{Keyframe, Neighbour};
 use renderflow_frame::{Camera, Environment, Frame, Light};
 use renderflow_model::device::NetworkDevice;
 use renderflow_model::fusion::batch::TIERS;
-use renderflow_model::fusion::fill::{Nearby, Samples};
-use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, PATHS, Selection, at, tint};
+use renderflow_model::fusion::fill::{Nearby, Paths, Samples};
+use renderflow_model::fusion::record::{KEYS, NEIGHBOURS, PARTS, PATHS, PixelInputs, Selection, at, tint};
 use renderflow_model::fusion::render::Header;
 use renderflow_model::fusion::training::{self, Config, Crop, Source, validate};
 use renderflow_model::fusion::{Fusion, FusionConfig, Record};
@@ -59,6 +59,7 @@ fn toy(seed: u64) -> Record<f32> {
             }
             for n in 0..NEIGHBOURS {
                 out[at::NEARBY + 4 * n + c] = light * rng.random_range(0.2..1.8);
+                out[at::NEARBY_INDIRECT + 3 * n + c] = 0.3 * light;
             }
         }
         for from in [at::KEYS, at::SAMPLES, at::NEARBY] {
@@ -329,6 +330,48 @@ fn samples_over_the_tint_are_the_light() {
         }
     }
     assert!(compared > 100);
+}
+
+/// Indirect light of neighbours counts as far as their samples do. Where some neighbours do not tell theirs, the record knows
+/// none.
+#[test]
+fn neighbours_bring_their_indirect_light() {
+    let (width, height, value) = (16, 12, [0.4, 0.8, 0.2]);
+    let frame = frame(&camera(width, height));
+    let shaded = ibl::shade(&frame, &Light::new(Environment::constant([0.5; 3])));
+    let [raw, quarter] = [1.0, 0.25].map(|share| Rgb::filled(width, height, value.map(|v| share * v)));
+    let (background, albedo) = (&Rgb::filled(width, height, [0.0; 3]), frame.guide_albedo.as_ref().unwrap());
+    let paths = Paths { indirect: &quarter, hidden: &quarter, variance: &quarter };
+    let told = Samples { raw: &raw, alpha: &frame.alpha, albedo, background, spp: 2, counts: None, paths: Some(paths) };
+    let source = Image::from_fn(width, height, |x, y| Some((y * width + x) as u32));
+    let share = Image::filled(width, height, 0.5);
+    let mut record = Record::of(&frame, &shaded.surfaces, 1.0);
+    record.add_part(0, &told, 1.0);
+    record.add_neighbours(2, &[Nearby { samples: told, source: &source, share: Some(&share) }], 1.0);
+    assert!(record.groups().paths);
+    let selection = Selection::all(&record);
+    let mut covered = 0;
+    for stored in record.pixels.chunks_exact(at::COUNT).filter(|stored| stored[at::ALPHA] > 0.0) {
+        covered += 1;
+        let (all, indirect) = (&stored[at::NEARBY + 8..], &stored[at::NEARBY_INDIRECT + 6..]);
+        let pixel = PixelInputs::new(stored, &selection, 1.0);
+        for c in 0..3 {
+            assert!((indirect[c] - 0.25 * all[c]).abs() < 1e-5 && all[c] > 0.0, "{} of {}", indirect[c], all[c]);
+            assert_eq!(pixel.others_indirect[2][c], 2.0 * indirect[c]);
+        }
+        assert_eq!(pixel.others_indirect[0], [0.0; 3]);
+    }
+    assert!(covered > 20, "{covered}");
+    let untold = Samples { paths: None, ..told };
+    record.add_neighbours(0, &[Nearby { samples: untold, source: &source, share: None }], 1.0);
+    assert!(record.groups().neighbours && !record.groups().paths);
+    let untold = Selection::all(&record);
+    assert!(
+        record
+            .pixels
+            .chunks_exact(at::COUNT)
+            .all(|s| PixelInputs::new(s, &untold, 1.0).others_indirect == [[0.0; 3]; NEIGHBOURS])
+    );
 }
 
 #[test]

@@ -158,6 +158,9 @@ impl Batch {
         }
         if groups.neighbours {
             add("others", of(|pixel| pixel.others.as_flattened()), &[NEIGHBOURS, 4])?;
+            if groups.paths {
+                add("others_indirect", of(|pixel| pixel.others_indirect.as_flattened()), &[NEIGHBOURS, 3])?;
+            }
         }
         if groups.denoised {
             add("denoised", of(|pixel| pixel.denoised.as_ref().map_or(&[0.0; 3], |rgb| rgb)), &[3])?;

@@ -102,6 +102,12 @@ impl<'a> Samples<'a> {
         })
     }
 
+    /// The first three numbers of [`Self::paths_at`].
+    fn indirect_at(&self, i: usize, stored: &[f32], exposure: f32) -> [f32; 3] {
+        let Some((paths, (_, own))) = self.paths.zip(self.surface(i, stored)) else { return [0.0; 3] };
+        std::array::from_fn(|c| radiance(exposure * paths.indirect.pixels[i][c] / own[c]))
+    }
+
     /// Samples of pixel `i`.
     fn count(&self, i: usize) -> f32 {
         self.counts.map_or(self.spp, |counts| counts.pixels[i]) as f32
@@ -212,7 +218,8 @@ impl Record<f32> {
         });
     }
 
-    /// Adds the samples of other frames as sum `n` of [`NEIGHBOURS`]. Every sample counts as far as it holds.
+    /// Adds the samples of other frames as sum `n` of [`NEIGHBOURS`]. Every sample counts as far as it holds. Where it is not
+    /// known what they are made of, the record does not know it of its own samples either.
     ///
     /// # Panics
     /// When `n` is not below [`NEIGHBOURS`].
@@ -220,17 +227,24 @@ impl Record<f32> {
         assert!(n < NEIGHBOURS, "sum {n} of {NEIGHBOURS}");
         let spp = frames.iter().map(|frame| frame.samples.spp).sum::<u32>();
         self.neighbours[n] = spp;
+        self.paths &= frames.iter().all(|frame| frame.samples.paths.is_some());
+        let known = self.paths;
         self.each(|i, out| {
-            let mut sum = [0.0; 4];
+            let (mut sum, mut indirect) = ([0.0; 4], [0.0; 3]);
             for Nearby { samples, source, share } in frames {
                 let share = share.map_or(1.0, |share| share.pixels[i]);
                 if let Some(there) = source.pixels[i].filter(|_| share > 0.0) {
                     let weight = share * samples.count(there as usize) / spp.max(1) as f32;
                     let carried = samples.at(there as usize, out, exposure);
                     sum.iter_mut().zip(carried).for_each(|(sum, carried)| *sum += weight * carried);
+                    if known {
+                        let carried = samples.indirect_at(there as usize, out, exposure);
+                        indirect.iter_mut().zip(carried).for_each(|(sum, carried)| *sum += weight * carried);
+                    }
                 }
             }
             out[at::NEARBY + 4 * n..][..4].copy_from_slice(&sum);
+            put(out, at::NEARBY_INDIRECT + 3 * n, indirect);
         });
     }
 

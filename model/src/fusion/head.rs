@@ -106,6 +106,21 @@ struct Mix {
     indirect: [f32; SCALES],
 }
 
+/// Samples, and the part of them that is indirect light; 0 where it is not known.
+#[inline(always)]
+fn lanes(samples: &[f32; 4], indirect: &[f32; 3]) -> [f32; LANES] {
+    let mut lanes = [0.0; LANES];
+    lanes[..4].copy_from_slice(samples);
+    (0..3).for_each(|c| lanes[INDIRECT + c] = indirect[c].min(samples[c]));
+    lanes
+}
+
+/// The samples of neighbour `n` of a pixel, as [`Picture::own`].
+#[inline(always)]
+fn other(pixel: &PixelInputs, n: usize) -> [f32; LANES] {
+    lanes(&pixel.others[n], &pixel.others_indirect[n])
+}
+
 impl Picture<'_> {
     /// The outputs of pixel `i` that every picture has.
     #[inline(always)]
@@ -171,20 +186,16 @@ impl Picture<'_> {
     #[inline(always)]
     fn own(&self, i: usize) -> [f32; LANES] {
         let pixel = &self.pixels[i];
-        let mut own = [0.0; LANES];
-        own[..4].copy_from_slice(&pixel.own);
-        if self.groups.paths {
-            (0..3).for_each(|c| own[INDIRECT + c] = pixel.paths[c].min(pixel.own[c]));
-        }
-        own
+        let [r, g, b, ..] = pixel.paths;
+        lanes(&pixel.own, &[r, g, b])
     }
 
     #[inline(always)]
     fn merged(&self, i: usize) -> [f32; LANES] {
         let (pixel, weights) = (&self.pixels[i], self.merging(i));
         let mut sum = self.own(i).map(|v| v * weights[0]);
-        for (other, weight) in pixel.others.iter().zip(&weights[1..]) {
-            for (sum, value) in sum.iter_mut().zip(other) {
+        for (n, weight) in weights[1..].iter().enumerate() {
+            for (sum, value) in sum.iter_mut().zip(other(pixel, n)) {
                 *sum += weight * value;
             }
         }
@@ -384,7 +395,7 @@ impl Picture<'_> {
                     let (pixel, weights) = (&self.pixels[i], self.merging(i));
                     let dot = |v: &[f32]| v.iter().zip(d).map(|(v, d)| v * d).sum::<f32>();
                     let along: [f32; MERGE] =
-                        std::array::from_fn(|n| if n == 0 { dot(&self.own(i)) } else { dot(&pixel.others[n - 1]) });
+                        std::array::from_fn(|n| if n == 0 { dot(&self.own(i)) } else { dot(&other(pixel, n - 1)) });
                     let mean: f32 = along.iter().zip(weights).map(|(v, w)| v * w).sum();
                     let at = self.merge_at(i);
                     for n in 0..MERGE {

@@ -70,8 +70,11 @@ pub mod at {
     /// the standard deviation of one sample's radiance, divided by the reflectance; samples that share a camera ray count as one.
     /// They mean nothing where [`super::Record::paths`] is false.
     pub const PATHS: usize = DENOISED + 3 * PICTURES;
+    /// For each sum of neighbours, as far as the samples hold: indirect light, divided by the reflectance, times coverage. It
+    /// means nothing where [`super::Record::paths`] is false.
+    pub const NEARBY_INDIRECT: usize = PATHS + super::PATHS * PARTS;
     /// True radiance, denoised where a denoiser was found.
-    pub const TRUTH: usize = PATHS + super::PATHS * PARTS;
+    pub const TRUTH: usize = NEARBY_INDIRECT + 3 * NEIGHBOURS;
     /// The same before it was denoised. It is noisy, but it does not share the errors of a denoiser that made inputs, too.
     pub const RAW_TRUTH: usize = TRUTH + 3;
     /// Number of values per pixel.
@@ -141,7 +144,7 @@ pub struct Record<T> {
     pub neighbours: [u32; NEIGHBOURS],
     /// Whether each denoised picture is given.
     pub denoised: [bool; PICTURES],
-    /// Whether it is known what the samples of every part are made of.
+    /// Whether it is known what the samples of every part and of all neighbours are made of.
     pub paths: bool,
 }
 
@@ -265,6 +268,8 @@ pub struct PixelInputs {
     pub paths: [f32; PATHS],
     /// The same as `own` for each neighbour.
     pub others: [[f32; 4]; NEIGHBOURS],
+    /// The part of them that is indirect light, where [`Groups::paths`] is given.
+    pub others_indirect: [[f32; 3]; NEIGHBOURS],
     /// Radiance of the surface in the denoised picture, if one is used.
     pub denoised: Option<[f32; 3]>,
 }
@@ -311,6 +316,10 @@ impl PixelInputs {
         pixel.denoised = denoised.map(|rgb| rgb.map(|v| v.max(0.0)));
         if groups.paths {
             pixel.paths = paths_of(stored, selection, spread);
+            if groups.neighbours {
+                let indirect = |n: usize| three(at::NEARBY_INDIRECT + 3 * n).map(|v| selection.neighbours[n] * v.max(0.0));
+                pixel.others_indirect = std::array::from_fn(indirect);
+            }
         }
         pixel
     }

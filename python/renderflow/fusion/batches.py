@@ -77,6 +77,8 @@ class Batch:
     """Unoccluded specular reflection of the environment, (.., 3)."""
     others: Tensor | None = None
     """As ``own`` for each neighbour, (.., 4, 4)."""
+    others_indirect: Tensor | None = None
+    """The part of them that is indirect light, where ``paths`` is given, (.., 4, 3)."""
     denoised: Tensor | None = None
     """Radiance of the surface in the denoised picture, (.., 3)."""
 

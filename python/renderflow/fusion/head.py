@@ -101,14 +101,19 @@ def _pixels(blocks: Tensor) -> Tensor:
 def _merged(batch: Batch, merge: Tensor | None) -> Tensor:
     """The samples of the frame and of its neighbours (items, height, width, 7): radiance divided by the reflectance, times
     coverage; coverage; the part of the radiance that is indirect light, 0 where it is not known."""
-    known = batch.paths is not None
-    indirect = torch.minimum(batch.paths[..., :3], batch.own[..., :3]) if known else torch.zeros_like(batch.own[..., :3])
-    own = torch.cat([batch.own, indirect], -1)
+    own = _lanes(batch.own, None if batch.paths is None else batch.paths[..., :3])
     if merge is None:
         return own
     weights = torch.softmax(merge, -1)
-    others = F.pad((weights[..., 1:].unsqueeze(-1) * batch.others).sum(-2), (0, 3))
-    return weights[..., :1] * own + others
+    others = _lanes(batch.others, batch.others_indirect)
+    return weights[..., :1] * own + (weights[..., 1:].unsqueeze(-1) * others).sum(-2)
+
+
+def _lanes(samples: Tensor, indirect: Tensor | None) -> Tensor:
+    """Samples (.., 4), and the part of them that is indirect light; 0 where it is not known."""
+    if indirect is None:
+        return F.pad(samples, (0, 3))
+    return torch.cat([samples, torch.minimum(indirect, samples[..., :3])], -1)
 
 
 def _filtered(samples: Tensor, kernels: list[Tensor], scales: Tensor, split: Tensor | None) -> tuple[Tensor, Tensor]:

@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Changes when sequences of the same plan and recipe get other numbers.
-const VERSION: u32 = 10;
+const VERSION: u32 = 11;
 /// The entry of the metadata.
 const HEADER: &str = "renderflow_records";
 /// Strength of the compression; more is slower and hardly smaller.

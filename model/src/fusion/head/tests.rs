@@ -20,6 +20,10 @@ fn random_pixel(rng: &mut Pcg64Mcg, groups: Groups) -> PixelInputs {
         (0..3).for_each(|c| pixel.paths[c] = pixel.own[c] * rng.random_range(0.0..1.2f32));
     }
     pixel.others = std::array::from_fn(|_| traced(rng));
+    if groups.paths && groups.neighbours {
+        let indirect = pixel.others.map(|other| [0, 1, 2].map(|c| other[c] * rng.random_range(0.0..1.2f32)));
+        pixel.others_indirect = indirect;
+    }
     pixel.alpha = if rng.random_bool(0.1) { 0.0 } else { rng.random_range(0.3..1.0) };
     pixel.denoised = groups.denoised.then(|| std::array::from_fn(|_| rng.random_range(0.05..1.0)));
     if groups.keys {
