@@ -39,7 +39,7 @@ fn every_table_is_made_once() {
     let table = |title: &str| tables.iter().find(|table| table["title"] == title).unwrap_or_else(|| panic!("{title}"));
     let rows = |title: &str| table(title)["rows"].as_array().unwrap().clone();
     for (title, count) in [
-        ("Methods", 14),
+        ("Methods", 16),
         ("Inverse rendering", 3),
         ("Training strategies", 5),
         ("Losses on pictures", 3),
@@ -49,9 +49,9 @@ fn every_table_is_made_once() {
         ("Steps", 3),
         ("Determinism", 4),
         ("A long sequence", 6),
-        ("The same seconds", 19),
-        ("High dynamic range and flicker", 9),
-        ("Scenes that were learnt from", 8),
+        ("The same seconds", 28),
+        ("High dynamic range and flicker", 12),
+        ("Scenes that were learnt from", 10),
         ("Seconds by size", 4),
         ("Data and time", 5),
     ] {
@@ -93,6 +93,7 @@ fn every_table_is_made_once() {
     }
     // Again: the same tables, from what is kept.
     let before = common::files(&out.join("rows"));
+    assert!(before.iter().any(|(name, _)| name.contains("inverse-")), "recovered buffers are measured again");
     assert_eq!(smoke(&out, &[]), all);
     assert!(before == common::files(&out.join("rows")));
 }
