@@ -7,6 +7,9 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+/// A row as text: its label, its cells, a note, and the paper's numbers.
+pub type Line = (String, Vec<String>, String, String);
+
 /// A table with its text.
 #[derive(Clone, Debug)]
 pub struct Table {
@@ -18,8 +21,8 @@ pub struct Table {
     columns: Vec<&'static str>,
     /// Heads of the columns.
     pub heads: Vec<String>,
-    /// Label, cells, note, and the paper's numbers.
-    pub rows: Vec<(String, Vec<String>, String, String)>,
+    /// Its rows.
+    pub rows: Vec<Line>,
     /// The rows with their numbers, for other programs.
     values: Vec<Value>,
     /// Files of pictures in the output folder.
@@ -64,7 +67,7 @@ impl Table {
         head.extend(self.heads.iter().cloned());
         head.extend(noted.then(String::new));
         head.extend(published.then(|| "the paper, its own data".to_owned()));
-        let line = |(label, cells, note, paper): &(String, Vec<String>, String, String)| {
+        let line = |(label, cells, note, paper): &Line| {
             let mut line = vec![label.clone()];
             line.extend(cells.iter().cloned());
             line.extend(noted.then(|| note.clone()));

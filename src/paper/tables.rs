@@ -3,7 +3,7 @@
 use super::lab::{Ask, Lab, digest};
 use super::scale::{Data, Keys, Run, Variant};
 use super::series;
-use super::sheet::{Row, Table};
+use super::sheet::{Line, Row, Table};
 use crate::dataset::denoise::Denoise;
 use crate::dataset::job::TruthSettings;
 use crate::dataset::sweep;
@@ -196,15 +196,15 @@ fn inverse(lab: &Lab) -> Result<Table> {
     Ok(table)
 }
 
-/// The rows of the table on recovered buffers: its label, its cells, no note, and the paper's numbers.
-fn recovered(lab: &Lab) -> Result<Vec<(String, Vec<String>, String, String)>> {
+/// The rows of the table on recovered buffers.
+fn recovered(lab: &Lab) -> Result<Vec<Line>> {
     let autoencoder = lab.train(Run::Autoencoder)?.weights();
     let trained = lab.train(Run::Inverse)?.weights();
     let options = WanOptions { vae: Some(&autoencoder), tile: None };
     let wan = Inverter::open(Some(&trained), options, lab.fusion.device())?;
     let own = Inverter::open(None, WanOptions::default(), lab.fusion.device())?;
     let tests = lab.sequences(Data::Test, None)?;
-    let mut rows: Vec<(String, Vec<String>, String, String)> = Vec::new();
+    let mut rows: Vec<Line> = Vec::new();
     for (label, network, paper) in [("RenderFlow", wan, "26.93 / .153 / 16.2 degrees / material .084"), ("our network", own, "")]
     {
         let sets = inverse::measure(&inverse::Method::Network(network), &tests, lab.scale.every, lab.lpips, lab.cancel)?;

@@ -78,7 +78,12 @@ impl<'a> Samples<'a> {
     /// Radiance of the surface divided by its reflectance, times coverage, and coverage. Radiance is negative where the samples
     /// are darker than the share of the background, which they may not have met. `stored` holds the numbers of the pixel.
     fn at(&self, i: usize, stored: &[f32], exposure: f32) -> [f32; 4] {
-        let Some((alpha, own)) = self.surface(i, stored) else { return [0.0; 4] };
+        self.surface(i, stored).map_or([0.0; 4], |surface| self.over(i, surface, stored, exposure))
+    }
+
+    /// [`Self::at`] of a pixel that shows this [`Self::surface`].
+    #[inline(always)]
+    fn over(&self, i: usize, (alpha, own): (f32, [f32; 3]), stored: &[f32], exposure: f32) -> [f32; 4] {
         let there = tint([0, 1, 2].map(|c| stored[at::ALBEDO + c]), stored);
         let over = |c: usize| {
             let surface = self.raw.pixels[i][c] - (1.0 - alpha) * self.background.pixels[i][c];
@@ -100,12 +105,6 @@ impl<'a> Samples<'a> {
             };
             radiance(exposure * value / own[c])
         })
-    }
-
-    /// The first three numbers of [`Self::paths_at`].
-    fn indirect_at(&self, i: usize, stored: &[f32], exposure: f32) -> [f32; 3] {
-        let Some((paths, (_, own))) = self.paths.zip(self.surface(i, stored)) else { return [0.0; 3] };
-        std::array::from_fn(|c| radiance(exposure * paths.indirect.pixels[i][c] / own[c]))
     }
 
     /// Samples of pixel `i`.
@@ -235,11 +234,12 @@ impl Record<f32> {
                 let share = share.map_or(1.0, |share| share.pixels[i]);
                 if let Some(there) = source.pixels[i].filter(|_| share > 0.0) {
                     let weight = share * samples.count(there as usize) / spp.max(1) as f32;
-                    let carried = samples.at(there as usize, out, exposure);
+                    let Some(surface) = samples.surface(there as usize, out) else { continue };
+                    let carried = samples.over(there as usize, surface, out, exposure);
                     sum.iter_mut().zip(carried).for_each(|(sum, carried)| *sum += weight * carried);
-                    if known {
-                        let carried = samples.indirect_at(there as usize, out, exposure);
-                        indirect.iter_mut().zip(carried).for_each(|(sum, carried)| *sum += weight * carried);
+                    if let Some(paths) = samples.paths.filter(|_| known) {
+                        let over = |c: usize| radiance(exposure * paths.indirect.pixels[there as usize][c] / surface.1[c]);
+                        (0..3).for_each(|c| indirect[c] += weight * over(c));
                     }
                 }
             }
