@@ -14,7 +14,6 @@ use crate::evaluate::method::Method;
 use crate::evaluate::renderer;
 use crate::evaluate::results::{BUDGET_PIXELS, Results};
 use crate::evaluate::run;
-use crate::metrics::bootstrap::Interval;
 use crate::report::steps::Steps;
 use crate::util::picture;
 use crate::util::progress::Progress;
@@ -96,7 +95,7 @@ const WITH_SECONDS: [&str; 4] = ["psnr_full", "ssim", "lpips_alex", "seconds"];
 
 /// The paper's network from starts that the paper does not have.
 const FROM_DEFERRED: &str = "RenderFlow from deferred shading";
-const FROM_CARRIED: &str = "RenderFlow from keyframes carried over it";
+const FROM_CARRIED: &str = "RenderFlow from carried keyframes";
 
 /// One row of the paper's network: its label, its run, its method, its steps, and the paper's numbers.
 type Wan = (&'static str, Run, &'static str, u32, &'static str);
@@ -192,7 +191,7 @@ fn inverse(lab: &Lab) -> Result<Table> {
     );
     table.heads = BUFFERS.iter().map(|(_, head)| (*head).to_owned()).collect();
     let recipe = (lab.networks(Some(Run::Inverse))?, inside::<InverseNet>(), lab.scale.plan(Data::Test)?, lab.measured_by());
-    table.rows = lab.kept("inverse", &(&table.heads, recipe), || recovered(lab))?;
+    table.rows = lab.kept("inverse", &(&table.heads, lab.scale.every, recipe), || recovered(lab))?;
     Ok(table)
 }
 
@@ -213,20 +212,12 @@ fn recovered(lab: &Lab) -> Result<Vec<Line>> {
             if rows.iter().any(|(there, ..)| there == name) {
                 continue;
             }
-            let cell = |(id, _): &(&str, &str)| row.values.get(*id).map_or_else(|| "-".into(), interval);
+            let cell = |(id, _): &(&str, &str)| row.values.get(*id).map_or_else(|| "-".into(), |value| value.shown(3));
             let paper = if row.method == "network" { paper } else { "" };
             rows.push((name.to_owned(), BUFFERS.iter().map(cell).collect(), String::new(), paper.to_owned()));
         }
     }
     Ok(rows)
-}
-
-/// A mean with its interval.
-fn interval(value: &Interval) -> String {
-    match value.range {
-        Some([low, high]) => format!("{:.3} ({low:.3} to {high:.3})", value.mean),
-        None => format!("{:.3}", value.mean),
-    }
 }
 
 fn strategies(lab: &Lab) -> Result<Table> {

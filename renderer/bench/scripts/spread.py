@@ -7,7 +7,7 @@ usage: spread.py RENDERFLOW DATA WORK        Needs numpy and OpenEXR. DATA: sequ
 The logarithm of the squared error of 8 even samples, denoised, is fitted to numbers of blocks of 4 x 4 pixels: on all frames but one, for that
 one. Samples are then spread by the root of what the fit says, and the frame is rendered again with this map (--sample-map). Prints PSNR over
 covered pixels for even samples, for the map that the program makes, and for fits without and with the pilot. Pilots are filtered within one
-surface before their contrast is taken. Finished pictures in WORK are not made again.
+surface before their contrast is taken. WORK belongs to one DATA: its finished pictures are not made again.
 """
 import pathlib
 import subprocess
@@ -33,7 +33,7 @@ def display(rgb, exposure):
 def render(scene, out, *options):
     if not (out / "frame.0000.exr").is_file():
         command = [program, "render", scene, "--frames", "1", "--resolution", "128", "--no-sheet", "-q", "-o", out, *options]
-        subprocess.run([str(word) for word in command], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        subprocess.run([str(word) for word in command], check=True, stdout=subprocess.DEVNULL)
     return out / "frame.0000.exr"
 
 
@@ -88,8 +88,7 @@ def numbers(frame, with_pilot):
     texture = sum(spread(of["albedo"][..., c]) for c in range(3))
     logs = [(frame["counts"], 0), (normal, 0.05), (texture, 0.05), (mixed, 0.02), (short, 0.01), (of["material"][..., 0], 0.1)]
     if with_pilot:
-        light = pilot(frame)
-        contrast = spread(light)
+        light, contrast = frame["pilot"], spread(frame["pilot"])
         logs += [(contrast, 0.02), (contrast**2, 0.001), (light, 0.05)]
     return np.stack([np.log(blocks(x) + least) for x, least in logs] + [blocks(of["material"][..., 1])], 2)
 
@@ -111,6 +110,8 @@ def fitted(frame, others, with_pilot):
     return np.kron(np.maximum(np.round(counts()), 1), np.ones((BLOCK, BLOCK)))
 
 
+if len(sys.argv) != 4:
+    sys.exit(__doc__)
 program, data, work = sys.argv[1], pathlib.Path(sys.argv[2]), pathlib.Path(sys.argv[3])
 frames = []
 for folder in sorted(data.glob("seq-*")):
@@ -121,7 +122,10 @@ for folder in sorted(data.glob("seq-*")):
     frame["detail"] = render(scene, work / "detail" / folder.name, "--spp", str(SPP), "--adaptive", "--denoise", "oidn")
     frame["counts"] = channels(frame["detail"])["samples.N"]
     frame["error"] = error(frame, mapped("even", frame, np.full(frame["counts"].shape, SPP)))
+    frame["pilot"] = pilot(frame)
     frames.append(frame)
+if len(frames) < 2:
+    sys.exit(f"{data}: needs two sequences or more")
 
 first = None
 for name in ("even", "detail-map", "fit", "fit-with-pilot"):
