@@ -336,7 +336,15 @@ fn frames_are_cleaned_with_the_samples_of_frames_around_them() {
 
     // A raw sequence is denoised as it is, and its seconds count; a shorter one gets longer, and its frames get samples of the
     // new ones.
-    made("later", "5", &["--spp", "2", "--denoise", "none"]);
+    // If it does not say what its light is made of, the network knows less.
+    for (out, more) in [("later", &["--indirect"][..]), ("bare", &[])] {
+        made(out, "5", &[&["--spp", "2", "--denoise", "none"], more].concat());
+    }
+    made("bare", "5", &around);
+    let bare = frame("bare", 2);
+    assert!(bare.indirect.is_none() && bare.info.denoiser == frame("around", 2).info.denoiser);
+    assert_eq!(bare.raw, frame("around", 2).raw);
+    assert_ne!(bare.beauty, frame("around", 2).beauty);
     let seconds = || -> Vec<f64> {
         let timing: serde_json::Value = file::read_json(&path("later").join("timing.json")).unwrap();
         timing["seconds"].as_array().unwrap().iter().map(|seconds| seconds.as_f64().unwrap()).collect()

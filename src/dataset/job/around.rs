@@ -16,6 +16,8 @@ use std::time::Instant;
 /// Bytes of a pixel of a frame that others use: the picture and its logarithms, coverage, two guides, the surface, and where its
 /// samples go with which share.
 const HELD: u64 = 128;
+/// What samples are made of, if the denoiser reads it: three pictures.
+const HELD_PATHS: u64 = 36;
 
 /// The frames that are at hand while a sequence is denoised.
 #[derive(Default)]
@@ -54,8 +56,7 @@ impl OpenSequence<'_> {
             cancel.check()?;
             let path = self.path(numbers[there]);
             let frame = frame_file::read(&path).with_context(|| path.display().to_string())?;
-            // The network reads no paths of stored frames.
-            window.frames.insert(there, (surface(&frame), Traced { paths: None, ..Traced::of(frame, exposure)? }));
+            window.frames.insert(there, (surface(&frame), Traced::of(frame, exposure)?));
         }
         let tracks = window.tracks.get_or_insert_with(|| tracks(&self.loaded, &numbers));
         let (current, own) = &window.frames[&index];
@@ -94,21 +95,21 @@ impl TruthSettings {
         }
         let most = 1 + (0..frames).map(|index| self.neighbours.of(REACH, index, frames).len()).max().unwrap_or(0);
         let pixels = u64::from(size[0]) * u64::from(size[1]);
-        let needed = pixels.saturating_mul(HELD * most as u64).saturating_add(self.denoising(pixels)[0]);
+        let held = HELD + if self.stores_paths() { HELD_PATHS } else { 0 };
+        let needed = pixels.saturating_mul(held * most as u64).saturating_add(self.denoising(pixels)[0]);
         let ways = "a smaller resolution, or no neighbours, takes less";
         machine::ensure_memory(&format!("denoising {most} frames together"), needed, ways)
     }
 
     /// The same, but frames are denoised with samples of the frames around them, by [`OpenSequence::denoise`] once all frames are
-    /// rendered. `frames` is the number of frames. Without a denoiser nothing changes. The network then does not read
-    /// what samples are made of, because frames may have been stored without it.
+    /// rendered. `frames` is the number of frames. Without a denoiser nothing changes. Frames keep indirect and hidden light
+    /// if the denoiser reads them.
     ///
     /// # Errors
     /// When the denoiser is not found.
     pub fn with_neighbours(mut self, neighbours: Neighbours, frames: usize) -> Result<Self> {
         if let Some(denoiser) = &mut self.denoiser {
             self.neighbours = neighbours;
-            self.render.channels.paths = self.keeps_paths;
             denoiser.reopen(&self.render, neighbours.fewest(frames))?;
         }
         Ok(self)

@@ -176,6 +176,12 @@ impl TruthSettings {
         self
     }
 
+    /// Whether frames are stored with indirect and hidden light: because they should have it, or because the denoiser reads it
+    /// once all are rendered.
+    pub(super) fn stores_paths(&self) -> bool {
+        self.keeps_paths || self.denoises_later() && self.denoiser.as_ref().is_some_and(Cleaner::reads_paths)
+    }
+
     /// Takes what only the denoiser reads out of a frame.
     pub(super) fn drop_paths(&self, frame: &mut Frame) {
         if !self.keeps_paths {
@@ -215,12 +221,7 @@ pub fn fuse(
     let mut record = Record::of(guides, &shading.surfaces, exposure);
     record.add_environment(&shading, exposure);
     let behind = background(camera, &samples.alpha, &light.environment);
-    let mut own = Samples::of(samples, &behind).context("samples without guides")?;
-    if around.is_some() {
-        // Frames may have been stored without it.
-        own.paths = None;
-    }
-    record.add_part(0, &own, exposure);
+    record.add_part(0, &Samples::of(samples, &behind).context("samples without guides")?, exposure);
     if let Some(Around { index, others, cameras, .. }) = around {
         let near = others.iter().map(|(there, other)| (*there, other));
         offer(&mut record, index, near, |there| cameras[there], (&light.environment, exposure))?;

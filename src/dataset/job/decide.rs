@@ -266,8 +266,10 @@ impl OpenSequence<'_> {
             if groups != render.light_groups as usize && !compact {
                 put("the number of light groups", groups.to_string(), render.light_groups.to_string());
             }
-            if frame.indirect.is_some() != settings.keeps_paths && !compact {
-                put("the indirect light", yes(frame.indirect.is_some()), yes(settings.keeps_paths));
+            // Raw frames without it are denoised as they are.
+            let [has, wanted] = [frame.indirect.is_some(), settings.keeps_paths];
+            if (if has { !settings.stores_paths() } else { wanted }) && !compact {
+                put("the indirect light", yes(has), yes(wanted));
             }
         }
         if frame.irradiance.is_some() != render.irradiance {
