@@ -63,7 +63,7 @@ pub struct Render {
     #[command(flatten)]
     trace: TraceArgs,
     /// Denoise each frame with the samples of frames around it as well, as far as they agree. Less error and less flicker remain.
-    /// Frames are denoised once all are rendered
+    /// Frames are denoised once all are rendered. With --denoise neural, they also hold the channels of --indirect
     #[arg(long, value_enum, help_heading = "Denoising",
         conflicts_with_all = ["target_error", "time_budget", "sample_map", "reference", "tev"])]
     neighbours: Option<Neighbours>,
