@@ -16,7 +16,7 @@ use std::time::Instant;
 /// Bytes of a pixel of a frame that others use: the picture and its logarithms, coverage, two guides, the surface, and where its
 /// samples go with which share.
 const HELD: u64 = 128;
-/// What samples are made of, if the denoiser reads it: three pictures.
+/// Bytes of what its samples are made of, where frames store it: three pictures.
 const HELD_PATHS: u64 = 36;
 
 /// The frames that are at hand while a sequence is denoised.
